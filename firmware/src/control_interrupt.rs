@@ -1,0 +1,177 @@
+//! The control interrupt: everything that happens every loop period, and nothing else.
+//!
+//! TIM1 overflows every loop period exactly, 0.7 ms unless the configuration says otherwise. Its interrupt alone has
+//! the highest priority, and critical sections do not mask it (see `critical_section.rs`), so it starts within a few
+//! cycles of the overflow.
+//!
+//! **Deadline**: a run, the request it answers included, must end before the next overflow; one that does not is
+//! counted and told to the board, which makes it a fault. What a tick does to the arm is decided in `shared::board`;
+//! here inputs are read, outputs written, and messages passed on.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_stm32::{
+    Peri,
+    gpio::Input,
+    interrupt,
+    interrupt::{Interrupt, InterruptExt},
+    pac,
+    peripherals::TIM1,
+    timer::low_level::{RoundTo, Timer},
+};
+use shared::{
+    board::{Board, Inputs},
+    protocol::{Link, PackedSample},
+};
+
+use crate::{
+    clocks::CORE_CLOCK_HZ,
+    currents::{Amplifiers, MeasuredCurrents},
+    encoders::Encoders,
+    interrupt_owned::InterruptOwned,
+    link::ControlEnd,
+    timing::Stopwatch,
+};
+
+/// The longest loop period, 0.7 ms, in core cycles: what the prescaler is chosen for.
+const LONGEST_PERIOD_CYCLES: u64 = 117_600;
+
+/// Core cycles in one step of the timer: the 16 bit counter needs two for the longest period.
+const CYCLES_PER_TIMER_STEP: u32 = 2;
+
+/// Everything the interrupt owns.
+pub struct Control {
+    /// Decides.
+    pub board: &'static mut Board<&'static mut [PackedSample]>,
+    /// Where the motors are.
+    pub encoders: Encoders,
+    /// What current they get.
+    pub measured_currents: MeasuredCurrents,
+    /// What current they are to get.
+    pub amplifiers: Amplifiers,
+    /// High when the emergency stop is pressed, or its wire broken.
+    pub emergency_stop: Input<'static>,
+    /// Its end of the serial link.
+    pub serial: ControlEnd,
+    /// Measures it.
+    pub stopwatch: Stopwatch,
+}
+
+struct Running {
+    control: Control,
+    period_ns: u32,
+    deadline_missed: bool,
+}
+
+static RUNNING: InterruptOwned<Running> = InterruptOwned::new();
+
+static TICKS: AtomicU32 = AtomicU32::new(0);
+
+/// Counts up with every completed run of the interrupt, wrapping.
+pub fn ticks() -> u32 {
+    TICKS.load(Ordering::Relaxed)
+}
+
+/// Hands over to the interrupt and starts the loop.
+pub fn start(timer: Peri<'static, TIM1>, control: Control) {
+    let period_ns = control.board.loop_period_ns();
+    // SAFETY: the only call, since there is only one TIM1 to call it with, and the interrupt is enabled below.
+    unsafe { RUNNING.hand_over(Running { control, period_ns, deadline_missed: false }) };
+    let timer = Timer::new(timer);
+    // Sets the prescaler; the period follows.
+    timer.set_period_clocks(LONGEST_PERIOD_CYCLES, RoundTo::Faster);
+    set_period(period_ns);
+    // A new period takes effect at the next overflow, so that none is ever cut short or passed over.
+    timer.set_autoreload_preload(true);
+    // Loads the prescaler, which otherwise waits for the first overflow. That sets the overflow flag too.
+    timer.generate_update_event();
+    clear_overflow();
+    timer.enable_update_interrupt(true);
+    // SAFETY: the value that the interrupt uses is in place.
+    unsafe { Interrupt::TIM1_UP_TIM10.enable() };
+    timer.start();
+    // Dropped, the driver would stop the timer.
+    core::mem::forget(timer);
+}
+
+#[interrupt]
+fn TIM1_UP_TIM10() {
+    let cycles_since_overflow = u32::from(pac::TIM1.cnt().read().cnt()) * CYCLES_PER_TIMER_STEP;
+    // SAFETY: called nowhere else, once a run, and the interrupt is enabled only after the value was handed over.
+    let running = unsafe { RUNNING.get() };
+    running.control.stopwatch.start(cycles_since_overflow);
+    clear_overflow();
+    running.tick();
+    running.answer();
+    running.follow_period();
+    running.deadline_missed = pac::TIM1.sr().read().uif();
+    running.control.stopwatch.stop(running.deadline_missed);
+    TICKS.fetch_add(1, Ordering::Relaxed);
+}
+
+impl Running {
+    fn tick(&mut self) {
+        let control = &mut self.control;
+        // Both currents are sampled within 3.3 µs from here; the counts are read at the start of that.
+        control.measured_currents.start();
+        let counts = control.encoders.counts();
+        let emergency_stop = control.emergency_stop.is_high();
+        let current_code = control.measured_currents.finish().expect("the current converter stopped");
+
+        let inputs = Inputs { counts, current_code, emergency_stop, deadline_missed: self.deadline_missed };
+        let outputs = control.board.tick(&inputs);
+
+        // Off before the command changes, on after it has.
+        if !outputs.amplifier_enable {
+            control.amplifiers.set_enabled(false);
+        }
+        control.amplifiers.set_commands(outputs.command_code);
+        if outputs.amplifier_enable && !control.amplifiers.are_enabled() {
+            control.amplifiers.set_enabled(true);
+            control.stopwatch.restart();
+        }
+
+        if let Some(event) = outputs.event {
+            control.serial.event(event);
+        }
+        match outputs.telemetry {
+            Some(row) if row.link == Link::Serial => control.serial.telemetry(row),
+            _ => {}
+        }
+    }
+
+    /// At most one request a period, after the outputs: what a host asks for never delays the arm.
+    fn answer(&mut self) {
+        let control = &mut self.control;
+        let Some(message) = control.serial.request() else { return };
+        control.board.report_timing(control.stopwatch.timing());
+        control.board.report_link(Link::Serial, control.serial.counters());
+        let reply = control.board.handle(Link::Serial, message.sequence, &message.request);
+        control.serial.answer(reply);
+    }
+
+    /// A new configuration can bring another loop period.
+    fn follow_period(&mut self) {
+        let period_ns = self.control.board.loop_period_ns();
+        if period_ns != self.period_ns {
+            self.period_ns = period_ns;
+            set_period(period_ns);
+        }
+    }
+}
+
+/// All loop periods are whole numbers of timer steps: 84 of them make a microsecond.
+fn set_period(period_ns: u32) {
+    const STEPS_PER_MICROSECOND: u32 = CORE_CLOCK_HZ / CYCLES_PER_TIMER_STEP / 1_000_000;
+    let steps = period_ns / 1000 * STEPS_PER_MICROSECOND;
+    // The board allows no period that does not fit; the shortest would be a harmless answer to one that does not.
+    pac::TIM1.arr().write(|register| register.set_arr(u16::try_from(steps.saturating_sub(1)).unwrap_or(u16::MAX)));
+}
+
+fn clear_overflow() {
+    // Writing a one leaves a flag as it is, so nothing is lost that happens at the same time.
+    pac::TIM1.sr().write(|register| {
+        register.0 = u32::MAX;
+        register.set_uif(false);
+    });
+}

@@ -1,0 +1,234 @@
+//! What every link to a host has in common: queues between its tasks and the control interrupt, and frames.
+//!
+//! ```text
+//! receive task ── requests ─▶ control interrupt ── replies, events, telemetry ─▶ send task
+//! ```
+//!
+//! All four queues are lock-free with one producer and one consumer. The interrupt never waits for one: what does not
+//! fit is dropped and counted, so a stalled host cannot disturb control. A lost reply is asked for again, a lost
+//! row is still in the recording.
+
+use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+
+use embassy_stm32::{
+    interrupt,
+    interrupt::{Interrupt, InterruptExt},
+};
+use embassy_sync::{blocking_mutex::raw::CriticalSectionRawMutex, signal::Signal};
+use embassy_time::Timer;
+use heapless::spsc::{Consumer, Producer, Queue};
+use shared::{
+    board::Telemetry,
+    protocol::{
+        BoardMessage, Decoder, Event, FrameError, HostMessage, LinkCounters, MAX_FRAME, PROTOCOL_VERSION, Reply,
+        encode_board_message,
+    },
+};
+
+/// One link, in static memory. A queue of N holds N - 1.
+pub struct Link {
+    requests: Queue<HostMessage, 4>,
+    replies: Queue<(u32, Reply), 4>,
+    events: Queue<Event, 8>,
+    /// 44 ms of rows at 0.7 ms: as long as a host may look away without losing one on the way.
+    telemetry: Queue<Telemetry, 64>,
+}
+
+/// What the interrupt and the tasks of one link count, and how they wake each other.
+pub struct LinkState {
+    outgoing: Signal<CriticalSectionRawMutex, ()>,
+    received: AtomicU32,
+    bad_frames: AtomicU32,
+    telemetry_dropped: AtomicU32,
+    replies_dropped: AtomicU32,
+    /// Header of a frame of another protocol version that is still to be answered; [`PROTOCOL_VERSION`] for none.
+    other_version: AtomicU8,
+}
+
+impl LinkState {
+    const fn new() -> Self {
+        Self {
+            outgoing: Signal::new(),
+            received: AtomicU32::new(0),
+            bad_frames: AtomicU32::new(0),
+            telemetry_dropped: AtomicU32::new(0),
+            replies_dropped: AtomicU32::new(0),
+            other_version: AtomicU8::new(PROTOCOL_VERSION),
+        }
+    }
+}
+
+/// State of the serial link. Static, because the relay interrupt below wakes its task.
+pub static SERIAL: LinkState = LinkState::new();
+
+impl Link {
+    /// A link with nothing under way.
+    pub const fn new() -> Self {
+        Self { requests: Queue::new(), replies: Queue::new(), events: Queue::new(), telemetry: Queue::new() }
+    }
+
+    /// The ends for the control interrupt, for the receiving and for the sending task.
+    pub fn split(&'static mut self, state: &'static LinkState) -> (ControlEnd, ReceiveEnd, SendEnd) {
+        let (request_producer, requests) = self.requests.split();
+        let (replies, reply_consumer) = self.replies.split();
+        let (events, event_consumer) = self.events.split();
+        let (telemetry, telemetry_consumer) = self.telemetry.split();
+        (
+            ControlEnd { requests, replies, events, telemetry, state },
+            ReceiveEnd { decoder: Decoder::new(), requests: request_producer, state },
+            SendEnd { replies: reply_consumer, events: event_consumer, telemetry: telemetry_consumer, state },
+        )
+    }
+}
+
+/// The control interrupt's end.
+pub struct ControlEnd {
+    requests: Consumer<'static, HostMessage>,
+    replies: Producer<'static, (u32, Reply)>,
+    events: Producer<'static, Event>,
+    telemetry: Producer<'static, Telemetry>,
+    state: &'static LinkState,
+}
+
+impl ControlEnd {
+    /// The next request, if there is one and room for its reply. It stays where it is: copying it would take longer
+    /// than a control tick.
+    pub fn request(&self) -> Option<&HostMessage> {
+        if self.replies.ready() { self.requests.peek() } else { None }
+    }
+
+    /// Answers the request seen last, which is done with then.
+    pub fn answer(&mut self, reply: Reply) {
+        let Some(HostMessage { sequence, .. }) = self.requests.dequeue() else { return };
+        if self.replies.enqueue((sequence, reply)).is_err() {
+            count(&self.state.replies_dropped);
+        }
+        wake_senders();
+    }
+
+    /// Tells the host something it has not asked for.
+    pub fn event(&mut self, event: Event) {
+        if self.events.enqueue(event).is_err() {
+            count(&self.state.replies_dropped);
+        }
+        wake_senders();
+    }
+
+    /// Sends a recorded row.
+    pub fn telemetry(&mut self, telemetry: Telemetry) {
+        if self.telemetry.enqueue(telemetry).is_err() {
+            count(&self.state.telemetry_dropped);
+        }
+        wake_senders();
+    }
+
+    /// Traffic since the start.
+    pub fn counters(&self) -> LinkCounters {
+        LinkCounters {
+            received: self.state.received.load(Ordering::Relaxed),
+            bad_frames: self.state.bad_frames.load(Ordering::Relaxed),
+            telemetry_dropped: self.state.telemetry_dropped.load(Ordering::Relaxed),
+            replies_dropped: self.state.replies_dropped.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// The receiving task's end.
+pub struct ReceiveEnd {
+    decoder: Decoder,
+    requests: Producer<'static, HostMessage>,
+    state: &'static LinkState,
+}
+
+impl ReceiveEnd {
+    /// Takes in received bytes, and waits while the interrupt has not taken earlier requests: it takes one a period.
+    pub async fn accept(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            match self.decoder.host_message(byte) {
+                None => {}
+                Some(Ok(mut message)) => {
+                    count(&self.state.received);
+                    while let Err(refused) = self.requests.enqueue(message) {
+                        message = refused;
+                        Timer::after_micros(100).await;
+                    }
+                }
+                Some(Err(error)) => {
+                    count(&self.state.bad_frames);
+                    if let FrameError::Version { theirs, .. } = error {
+                        self.state.other_version.store(theirs, Ordering::Relaxed);
+                        self.state.outgoing.signal(());
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The sending task's end.
+pub struct SendEnd {
+    replies: Consumer<'static, (u32, Reply)>,
+    events: Consumer<'static, Event>,
+    telemetry: Consumer<'static, Telemetry>,
+    state: &'static LinkState,
+}
+
+impl SendEnd {
+    /// Waits for the next message and puts it into a frame. Answers go before rows, which can be read again.
+    pub async fn next_frame<'a>(&mut self, buffer: &'a mut [u8; MAX_FRAME]) -> &'a [u8] {
+        loop {
+            let Some(message) = self.next_message() else {
+                self.state.outgoing.wait().await;
+                continue;
+            };
+            // The borrow checker does not yet see that the buffer is free again after an error.
+            match encode_board_message(&message, buffer).map(<[u8]>::len) {
+                Ok(length) => return &buffer[..length],
+                Err(_) => {
+                    count(&self.state.replies_dropped);
+                    defmt::error!("a message does not fit a frame of {} bytes", MAX_FRAME);
+                }
+            }
+        }
+    }
+
+    fn next_message(&mut self) -> Option<BoardMessage> {
+        if let Some((sequence, reply)) = self.replies.dequeue() {
+            return Some(BoardMessage::Reply { sequence, reply });
+        }
+        let other_version = self.state.other_version.swap(PROTOCOL_VERSION, Ordering::Relaxed);
+        if other_version != PROTOCOL_VERSION {
+            let firmware_version = crate::identity::firmware_version();
+            let reply = Reply::WrongVersion { board: PROTOCOL_VERSION, host: other_version, firmware_version };
+            // Its sequence number could not be read: the rest of the frame may mean anything.
+            return Some(BoardMessage::Reply { sequence: 0, reply });
+        }
+        if let Some(event) = self.events.dequeue() {
+            return Some(BoardMessage::Event(event));
+        }
+        self.telemetry.dequeue().map(|row| BoardMessage::Telemetry { movement: row.movement, sample: row.sample })
+    }
+}
+
+fn count(counter: &AtomicU32) {
+    counter.fetch_add(1, Ordering::Relaxed);
+}
+
+/// The control interrupt may not wake a task itself (see `critical_section.rs`). It requests this interrupt instead,
+/// whose peripheral the board does not use, and which has a priority from which tasks may be woken.
+const RELAY: Interrupt = Interrupt::DCMI;
+
+/// Lets the relay run when requested; call it once, before the control interrupt starts.
+pub fn enable_relay() {
+    // SAFETY: its handler below uses nothing that has to be initialised first.
+    unsafe { RELAY.enable() };
+}
+
+fn wake_senders() {
+    RELAY.pend();
+}
+
+#[interrupt]
+fn DCMI() {
+    SERIAL.outgoing.signal(());
+}

@@ -1,0 +1,153 @@
+//! What a board has to be told of its robot: the robot file in the protocol's terms.
+
+use shared::control::SampledLoop;
+use shared::protocol::{
+    ComputedTorqueConstants, Configuration, CurrentScale, JointConstants, LOOP_PERIODS_NS, LoopConstants, ModelRange,
+};
+use shared::trajectory::MotionLimits;
+
+use crate::robot::{Joint, Kind, Law, Robot, UnsafeGain};
+
+/// Tracking error that is a fault, in counts: six times what the default loop shows on the paper's movement.
+const FOLLOWING_ERROR_LIMIT_COUNTS: f64 = 1000.0;
+/// Joint speed that is a fault, as a multiple of the speed a movement may have.
+const SPEED_MARGIN: f64 = 1.5;
+/// Measured current that is a fault, as a share of the sensor's full scale: beyond it the sensor says nothing.
+const OVER_CURRENT_SHARE: f64 = 0.95;
+/// Silence of the host that ends a movement: ten keep-alives.
+const LINK_TIMEOUT_NS: u64 = 1_000_000_000;
+/// How long a command may stay at the amplifier's limit: the peak rating of a 12A8 is for two seconds.
+const CURRENT_LIMIT_TIME_NS: u64 = 500_000_000;
+/// How long a stop takes from full speed.
+const STOP_TIME_NS: u64 = 300_000_000;
+
+/// Why a robot cannot run on a board.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SetupError {
+    /// The board drives two joints.
+    #[error("\"{0}\" has a single axis, but the board drives two joints; use a robot file with two")]
+    SingleAxis(String),
+    /// The board runs the position loop.
+    #[error("joint {0} runs under a cascade, which the board does not have; give position_gain_a_per_count")]
+    Cascade(String),
+    /// The viscous friction decides about stability.
+    #[error(
+        "viscous_friction_nm_s_per_rad of joint {0} is missing, and the stability limit of its gain follows from it; add \
+         an estimate, rather too small than too large"
+    )]
+    UnknownFriction(String),
+    /// The loop period is not one of the board's.
+    #[error("loop_period_s is {0}, but the board offers 0.0007, 0.00035, 0.0001 and 0.00005; choose one of them")]
+    LoopPeriod(f64),
+    /// A gain is not stable.
+    #[error("{0}; nothing was moved")]
+    Unstable(#[from] UnsafeGain),
+}
+
+/// The board's configuration for `robot`.
+pub fn configuration(robot: &Robot) -> Result<Configuration, SetupError> {
+    let (Kind::TwoLink, [second, third]) = (robot.kind, robot.joints.as_slice()) else {
+        return Err(SetupError::SingleAxis(robot.name.clone()));
+    };
+    let nanoseconds = |seconds: f64| (seconds * 1e9).round() as u32;
+    let loop_period_ns = nanoseconds(robot.loop_period_s);
+    if !LOOP_PERIODS_NS.contains(&loop_period_ns) {
+        return Err(SetupError::LoopPeriod(robot.loop_period_s));
+    }
+    robot.check_gains()?;
+    let joints = [joint_constants(robot, 0, second)?, joint_constants(robot, 1, third)?];
+    let pair = |value: fn(&Joint) -> f64| [value(second) as f32, value(third) as f32];
+    let counts_per_tick =
+        |joint: &Joint| joint.limits.speed_rad_s * joint.counts_per_rad().abs() * robot.record_period_s;
+    Ok(Configuration {
+        joints,
+        common: LoopConstants {
+            gravity_m_s2: robot.gravity_m_s2,
+            loop_period_ns,
+            record_period_ns: nanoseconds(robot.record_period_s),
+            command_delay_ns: nanoseconds(robot.command_delay_s),
+            link_timeout_ns: LINK_TIMEOUT_NS,
+            current_limit_time_ns: CURRENT_LIMIT_TIME_NS,
+            stop_time_ns: STOP_TIME_NS,
+            computed_torque: ComputedTorqueConstants::default(),
+        },
+        motion_limits: MotionLimits {
+            position_low_rad: pair(|joint| joint.limits.position_low_rad),
+            position_high_rad: pair(|joint| joint.limits.position_high_rad),
+            speed_rad_s: pair(|joint| joint.limits.speed_rad_s),
+            acceleration_rad_s2: pair(|joint| joint.limits.acceleration_rad_s2),
+            // What the speed limits allow the faster counting joint; a finer encoder must not tighten them.
+            counts_per_tick: counts_per_tick(second).max(counts_per_tick(third)).ceil() as f32,
+        },
+        model_range: ModelRange::around(robot.search.map(|[low, _]| low), robot.search.map(|[_, high]| high)),
+    })
+}
+
+fn joint_constants(robot: &Robot, index: usize, joint: &Joint) -> Result<JointConstants, SetupError> {
+    let Law::Proportional(position_loop) = joint.law else {
+        return Err(SetupError::Cascade(joint.name.clone()));
+    };
+    let Some(SampledLoop { viscous_friction_nm_s_per_rad, least_motor_inertia_kg_m2, .. }) = robot.sampled_loop(index)
+    else {
+        return Err(SetupError::UnknownFriction(joint.name.clone()));
+    };
+    Ok(JointConstants {
+        gear_ratio: joint.gear_ratio,
+        counts_per_rev: joint.counts_per_rev,
+        torque_constant_nm_per_a: joint.torque_constant_nm_per_a,
+        current_limit_a: joint.current_limit_a,
+        position_gain_a_per_count: position_loop.gain_a_per_count,
+        lead: position_loop.lead,
+        viscous_friction_nm_s_per_rad,
+        coulomb_friction_nm: joint.coulomb_friction_nm.unwrap_or(0.0),
+        least_motor_inertia_kg_m2,
+        following_error_limit_counts: FOLLOWING_ERROR_LIMIT_COUNTS,
+        speed_limit_rad_s: SPEED_MARGIN * joint.limits.speed_rad_s,
+        over_current_limit_a: OVER_CURRENT_SHARE * joint.current_full_scale_a,
+        current_scale: CurrentScale::symmetric(joint.current_full_scale_a),
+    })
+}
+
+/// A model file in the protocol's terms, tied to the robot it is for.
+pub fn board_model(robot: &Robot, model: &crate::model::Model) -> Result<shared::protocol::Model, SetupError> {
+    let robot_identity = configuration(robot)?.robot_identity();
+    let pair = |values: &[f64]| std::array::from_fn(|joint| values.get(joint).copied().unwrap_or(0.0));
+    Ok(shared::protocol::Model {
+        robot_identity,
+        f: model.f,
+        viscous_friction_nm_s_per_rad: pair(&model.viscous_nm_s_per_rad),
+        coulomb_friction_nm: pair(&model.coulomb_nm),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_paper_robot_has_the_reference_limits() {
+        let configuration = configuration(&Robot::paper()).unwrap();
+        assert_eq!(configuration.motion_limits, MotionLimits::reference_robot());
+        assert_eq!(configuration.common.loop_period_ns, 700_000);
+        assert_eq!(configuration.common.command_delay_ns, 30_000);
+    }
+
+    #[test]
+    fn unsuitable_robots_are_refused_by_name() {
+        let refused = |change: fn(&mut Robot), part: &str| {
+            let mut robot = Robot::paper();
+            change(&mut robot);
+            let text = configuration(&robot).unwrap_err().to_string();
+            assert!(text.contains(part), "{text}");
+        };
+        refused(|robot| robot.kind = Kind::SingleAxis, "single axis");
+        refused(|robot| robot.loop_period_s = 0.0007 / 3.0, "0.00035");
+        refused(|robot| robot.joints[1].viscous_friction_nm_s_per_rad = None, "joint 3 is missing");
+        refused(|robot| robot.joints[0].law = Law::Cascade { position_gain_per_s: 1.0, velocity_gain: 1.0 }, "cascade");
+        let stiff = shared::control::PositionLoop { gain_a_per_count: 0.384, lead: 0.0 };
+        let mut robot = Robot::paper();
+        robot.joints[0].law = Law::Proportional(stiff);
+        let text = configuration(&robot).unwrap_err().to_string();
+        assert!(text.contains("joint 2") && text.contains("0.09600") && text.contains("limit 0.01"), "{text}");
+    }
+}

@@ -1,0 +1,76 @@
+//! The commands of `armid`, one file each, and what they share.
+
+mod bench;
+mod calibrate;
+mod common;
+mod demo;
+mod drawing;
+mod error;
+mod identify;
+mod info;
+mod progress;
+mod record;
+mod run;
+mod simulate;
+mod track;
+mod upload;
+
+use clap::{Parser, Subcommand};
+
+pub use error::CommandError;
+
+/// Identifies the dynamics of a robot arm's joints 2 and 3 from its tracking errors, uploads them to the controller
+/// board and tracks within one encoder count.
+#[derive(Debug, Parser)]
+#[command(name = "armid", version, after_help = EXIT_CODES, arg_required_else_help = true)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXIT_CODES: &str = "Exit codes:
+  0  done
+  1  failed
+  2  wrong usage
+  3  bad input file
+  4  board unreachable
+  5  refused as unsafe
+
+Results go to stdout, progress and advice to stderr. Every command has its own --help.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Show the whole chain on a simulated robot: record, calibrate, identify, upload, track.
+    Demo(demo::Demo),
+    /// Show who the board is, what it is doing, and its counters.
+    Info(info::Info),
+    /// Run a movement and record it.
+    Record(record::Record),
+    /// Find the position loop's A/count and lead from recordings.
+    Calibrate(calibrate::Calibrate),
+    /// Find f1..f9 and friction from recordings.
+    Identify(identify::Identify),
+    /// Put a model onto the board, in two phases with read-back.
+    Upload(upload::Upload),
+    /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
+    Track(track::Track),
+    /// Measure the figures that the documentation quotes.
+    Bench(bench::Bench),
+    /// Make recordings of a given or drawn robot with the simulated board.
+    Simulate(simulate::Simulate),
+}
+
+/// Carries out what the command line asks for.
+pub fn run(arguments: Arguments) -> Result<(), CommandError> {
+    match arguments.command {
+        Command::Demo(command) => command.run(),
+        Command::Info(command) => command.run(),
+        Command::Record(command) => command.run(),
+        Command::Bench(command) => command.run(),
+        Command::Calibrate(command) => command.run(),
+        Command::Identify(command) => command.run(),
+        Command::Upload(command) => command.run(),
+        Command::Track(command) => command.run(),
+        Command::Simulate(command) => command.run(),
+    }
+}

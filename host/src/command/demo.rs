@@ -1,0 +1,184 @@
+//! `armid demo`: the whole chain on a simulated robot whose parameters the tool does not know.
+
+use std::path::{Path, PathBuf};
+
+use armid::calibrate::calibrate;
+use armid::capture::tracking_quality;
+use armid::client::{Client, Pose};
+use armid::file_error::FileError;
+use armid::hidden_robot::HiddenRobot;
+use armid::identify::Options;
+use armid::link::SimulatedBoard;
+use armid::model::Model;
+use armid::recording::{Mode, Recording};
+use armid::robot::Robot;
+use clap::Args;
+use serde_json::json;
+
+use super::calibrate::{calibrated, table as calibration_table};
+use super::common::{advise, check_limits, paper_name, print, print_json};
+use super::run::Run;
+use super::{CommandError, drawing, identify, track};
+
+/// Periods T of the two movements to identify from, in s: one alone leaves a combination of f7, f8 and f9 nearly free.
+const TRAINING_PERIODS_S: [f64; 2] = [3.65, 5.0];
+/// Period of the movement to track, in s: the paper's.
+const TRACKING_PERIOD_S: f64 = 3.65;
+/// How long to stand at the start of every movement.
+const SETTLE_NS: u64 = 2_000_000_000;
+
+/// Arguments of `demo`.
+#[derive(Debug, Args)]
+pub struct Demo {
+    /// Seed of the hidden robot, its noise and the identification
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for robot file, recordings, model, truth and picture
+    #[arg(long, value_name = "FOLDER", default_value = "armid-out")]
+    out: PathBuf,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Demo {
+    pub fn run(&self) -> Result<(), CommandError> {
+        let robot = Robot::paper();
+        let truth = HiddenRobot::draw(&robot, self.seed);
+        let configuration = armid::board_setup::configuration(&robot)?;
+        let mut client = Client::connect(Box::new(SimulatedBoard::new(&robot, truth.clone(), self.seed)))?;
+        client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false)?;
+        robot.write(&self.out.join("robot.toml"))?;
+
+        advise("1/5 recording two movements under the position loop");
+        let mut training = Vec::new();
+        for (index, period_s) in TRAINING_PERIODS_S.into_iter().enumerate() {
+            let name = format!("train{}.csv", index + 1);
+            training.push(self.movement(&mut client, &robot, period_s, Mode::P, &name)?);
+        }
+
+        advise("2/5 calibrating the position loop");
+        let calibration = calibrate(&robot, &training)?;
+        let robot_as_calibrated = calibrated(&robot, &calibration);
+
+        advise("3/5 identifying the arm");
+        let options = Options { seed: self.seed, ..Options::default() };
+        let found = identify::with_progress(&robot_as_calibrated, &training, &[], &options)?;
+        let model = identify::to_model(&robot, &training, &found, &options);
+        model.write(&self.out.join("model.toml"))?;
+        truth.to_model(toml::Table::new()).write(&self.out.join("truth.toml"))?;
+
+        advise("4/5 uploading the model");
+        let receipt = client.upload(&armid::board_setup::board_model(&robot, &model)?)?;
+        advise(format!("    now active: model {:08x}, read back from the board", receipt.crc));
+
+        advise("5/5 tracking the paper's movement under the position loop and under computed torque");
+        let p = self.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::P, "track-p.csv")?;
+        let ctc = self.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "track-ctc.csv")?;
+        let picture = self.out.join("demo.svg");
+        self.draw(&picture, &robot, &p, &ctc)?;
+
+        if self.json {
+            let mut object = track::to_json(&p, &ctc);
+            object["seed"] = json!(self.seed);
+            object["true_f"] = json!(truth.f);
+            object["f"] = json!(model.f);
+            object["standard_error"] = json!(model.f_standard_error);
+            object["true_friction"] =
+                json!({"viscous_nm_s_per_rad": truth.viscous_nm_s_per_rad, "coulomb_nm": truth.coulomb_nm});
+            object["friction"] =
+                json!({"viscous_nm_s_per_rad": model.viscous_nm_s_per_rad, "coulomb_nm": model.coulomb_nm});
+            object["calibration"] = json!(calibration);
+            object["picture"] = json!(picture);
+            return print_json(&object);
+        }
+        print(format!(
+            "\nCalibration\n{}\n\nIdentification of a hidden robot (seed {})\n{}\n\nTracking the paper's movement, T = {} \
+             s\n{}\n\n{}\n\nFiles in {}: robot.toml, train1.csv, train2.csv, model.toml, truth.toml, track-p.csv, \
+             track-ctc.csv, demo.svg",
+            calibration_table(&calibration),
+            self.seed,
+            comparison(&truth, &model),
+            TRACKING_PERIOD_S,
+            track::table(&robot, &p, &ctc),
+            summary(&p, &ctc),
+            self.out.display()
+        ))
+    }
+
+    /// Runs one of the paper's movements and keeps the recording in the output folder.
+    fn movement(
+        &self,
+        client: &mut Client,
+        robot: &Robot,
+        period_s: f64,
+        mode: Mode,
+        file: &str,
+    ) -> Result<Recording, CommandError> {
+        let trajectory = armid::trajectory_file::paper(period_s)
+            .ok_or_else(|| CommandError::Usage(format!("{period_s} s is no period")))?;
+        check_limits(&trajectory, robot, &armid::board_setup::configuration(robot)?)?;
+        let run = Run {
+            robot,
+            trajectory: &trajectory,
+            trajectory_name: paper_name(period_s),
+            mode,
+            settle_ns: SETTLE_NS,
+            seed: Some(self.seed),
+            path: self.out.join(file),
+        };
+        let ran = run.on(client)?;
+        ran.recording.write(&ran.recording.path, robot)?;
+        ran.whole()
+    }
+
+    fn draw(&self, path: &Path, robot: &Robot, p: &Recording, ctc: &Recording) -> Result<(), CommandError> {
+        let picture = drawing::tracking(robot, p, ctc)
+            .map_err(|reason| CommandError::Failed(format!("the picture could not be drawn: {reason}")))?;
+        armid::write_file(path, picture.as_bytes()).map_err(FileError::into)
+    }
+}
+
+/// True and found parameters side by side.
+fn comparison(truth: &HiddenRobot, model: &Model) -> String {
+    let mut lines =
+        vec![format!("{:<18} {:>12} {:>12} {:>12} {:>15}", "parameter", "true", "found", "error", "standard error")];
+    let mut row = |name: String, truth: f64, found: f64, standard_error: Option<f64>| {
+        let standard_error = standard_error.map_or_else(|| "–".into(), |error| format!("{error:.6}"));
+        lines.push(format!("{name:<18} {truth:>12.6} {found:>12.6} {:>12.6} {standard_error:>15}", found - truth));
+    };
+    for (index, (truth, found)) in truth.f.iter().zip(model.f).enumerate() {
+        row(format!("f{}", index + 1), *truth, found, model.f_standard_error.map(|errors| errors[index]));
+    }
+    for joint in 0..2 {
+        let error = |errors: &Option<Vec<f64>>| errors.as_ref().and_then(|errors| errors.get(joint)).copied();
+        let (truth, found) = (truth.viscous_nm_s_per_rad[joint], model.viscous_nm_s_per_rad[joint]);
+        row(format!("viscous, joint {}", joint + 2), truth, found, error(&model.viscous_standard_error));
+    }
+    for joint in 0..2 {
+        let error = |errors: &Option<Vec<f64>>| errors.as_ref().and_then(|errors| errors.get(joint)).copied();
+        let (truth, found) = (truth.coulomb_nm[joint], model.coulomb_nm[joint]);
+        row(format!("Coulomb, joint {}", joint + 2), truth, found, error(&model.coulomb_standard_error));
+    }
+    lines
+        .push("f1, f2, f3, f4, f7 in kg m², f5, f6, f8, f9 in kg m; friction at the motor in N m s/rad and N m".into());
+    lines.join("\n")
+}
+
+/// Before and after in one sentence.
+fn summary(p: &Recording, ctc: &Recording) -> String {
+    let max = |recording: &Recording| {
+        let max: Vec<String> =
+            tracking_quality(recording).iter().map(|joint| format!("{:.0}", joint.max_abs_error_counts)).collect();
+        max.join(" / ")
+    };
+    let within: Vec<String> =
+        tracking_quality(ctc).iter().map(|joint| format!("{:.2}", joint.within_one_count_percent)).collect();
+    format!(
+        "Largest tracking error before (position loop): {} counts; after (computed torque): {} counts.\nSamples within \
+         ±1 count after: {} %.",
+        max(p),
+        max(ctc),
+        within.join(" / ")
+    )
+}

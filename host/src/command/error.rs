@@ -1,0 +1,102 @@
+//! What can go wrong in a command, and the exit code that says so.
+
+use armid::board_setup::SetupError;
+use armid::calibrate::CalibrateError;
+use armid::client::{ClientError, SessionError};
+use armid::file_error::FileError;
+use armid::identify::IdentifyError;
+use armid::link::LinkError;
+use shared::trajectory::LimitError;
+
+/// Why a command ended without its result.
+#[derive(Debug, thiserror::Error)]
+pub enum CommandError {
+    /// A file.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A position gain of a robot file that is not about to move anything is not stable.
+    #[error("{path}: {error}; correct the robot file")]
+    Gains {
+        /// The robot file.
+        path: String,
+        /// The gain and its limit.
+        error: armid::robot::UnsafeGain,
+    },
+    /// The robot cannot run on a board.
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    /// The movement breaks a limit.
+    #[error("the movement was not started: {0}")]
+    Limit(LimitError),
+    /// The board.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// A calibration.
+    #[error(transparent)]
+    Calibrate(#[from] CalibrateError),
+    /// An identification.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// A movement that did not come to its end.
+    #[error("the movement did not come to its end: {reason}")]
+    Incomplete {
+        /// Why.
+        reason: String,
+        /// The board went away.
+        board_lost: bool,
+    },
+    /// A result that is not good enough.
+    #[error("{0}")]
+    Failed(String),
+    /// Arguments that do not go together.
+    #[error("{0}; see --help")]
+    Usage(String),
+    /// Standard output is closed.
+    #[error("the result could not be written: {0}")]
+    Output(std::io::Error),
+}
+
+impl CommandError {
+    /// The documented exit code.
+    pub fn exit_code(&self) -> u8 {
+        const FAILED: u8 = 1;
+        const USAGE: u8 = 2;
+        const BAD_FILE: u8 = 3;
+        const UNREACHABLE: u8 = 4;
+        const UNSAFE: u8 = 5;
+        match self {
+            Self::File(error) if error.is_unsafe() => UNSAFE,
+            Self::File(_) | Self::Gains { .. } => BAD_FILE,
+            Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) => UNSAFE,
+            Self::Setup(_) => BAD_FILE,
+            Self::Session(error) => match error {
+                SessionError::Client(error) => match error {
+                    ClientError::Link(_) | ClientError::NoAnswer { .. } | ClientError::WrongVersion { .. } => {
+                        UNREACHABLE
+                    }
+                    ClientError::Refused { .. } => UNSAFE,
+                    ClientError::Unexpected { .. } | ClientError::Fault(_) | ClientError::Encode(_) => FAILED,
+                },
+                SessionError::InFault(_) | SessionError::PoseUnknown | SessionError::Busy { .. } => UNSAFE,
+                SessionError::ReadBack { .. } => FAILED,
+            },
+            Self::Incomplete { board_lost: true, .. } => UNREACHABLE,
+            Self::Calibrate(_) | Self::Identify(_) | Self::Incomplete { .. } | Self::Failed(_) | Self::Output(_) => {
+                FAILED
+            }
+            Self::Usage(_) => USAGE,
+        }
+    }
+}
+
+impl From<ClientError> for CommandError {
+    fn from(error: ClientError) -> Self {
+        Self::Session(error.into())
+    }
+}
+
+impl From<LinkError> for CommandError {
+    fn from(error: LinkError) -> Self {
+        ClientError::from(error).into()
+    }
+}

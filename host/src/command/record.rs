@@ -1,0 +1,111 @@
+//! `armid record`.
+
+use std::path::PathBuf;
+
+use armid::capture::tracking_quality;
+use armid::recording::{Mode, Recording};
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use super::CommandError;
+use super::common::{
+    BoardArguments, RobotArguments, TrajectoryArguments, advise, check_limits, print, print_json, read_model,
+};
+use super::run::{Ran, Run};
+
+/// Arguments of `record`.
+///
+/// Should this tool end or the cable be pulled during a movement, the board stops the arm within a second.
+#[derive(Debug, Args)]
+pub struct Record {
+    #[command(flatten)]
+    robot: RobotArguments,
+    #[command(flatten)]
+    board: BoardArguments,
+    #[command(flatten)]
+    trajectory: TrajectoryArguments,
+    /// Controller
+    #[arg(long, value_enum, default_value_t = Controller::P)]
+    mode: Controller,
+    /// Model to upload first; computed torque needs one on the board
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Recording to write; its manifest goes beside it with the ending .toml
+    #[arg(long, value_name = "FILE", default_value = "recording.csv")]
+    out: PathBuf,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Controllers by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Controller {
+    /// The position loop
+    P,
+    /// Computed torque
+    Ctc,
+}
+
+impl From<Controller> for Mode {
+    fn from(controller: Controller) -> Self {
+        match controller {
+            Controller::P => Self::P,
+            Controller::Ctc => Self::Ctc,
+        }
+    }
+}
+
+impl Record {
+    pub fn run(&self) -> Result<(), CommandError> {
+        let robot = self.robot.read_for_motion()?;
+        let (trajectory, trajectory_name) = self.trajectory.read()?;
+        let settle_ns = self.trajectory.settle_ns()?;
+        let model = self.model.as_deref().map(|path| read_model(path, &robot)).transpose()?;
+        let configuration = armid::board_setup::configuration(&robot)?;
+        let margins = check_limits(&trajectory, &robot, &configuration)?;
+        for row in &margins.rows {
+            advise(row.to_string());
+        }
+        let (mut client, _) = self.board.connect_ready(&robot)?;
+        if let Some(model) = &model {
+            client.upload(&armid::board_setup::board_model(&robot, model)?)?;
+        }
+        let run = Run {
+            robot: &robot,
+            trajectory: &trajectory,
+            trajectory_name,
+            mode: self.mode.into(),
+            settle_ns,
+            seed: self.board.simulated_seed(),
+            path: self.out.clone(),
+        };
+        let ran = run.on(&mut client)?;
+        ran.recording.write(&self.out, &robot)?;
+        self.report(&ran)?;
+        ran.whole().map(drop)
+    }
+
+    fn report(&self, ran: &Ran) -> Result<(), CommandError> {
+        let samples = ran.recording.samples();
+        let quality = tracking_quality(&ran.recording);
+        let max: Vec<f64> = quality.iter().map(|joint| joint.max_abs_error_counts).collect();
+        let rms: Vec<f64> = quality.iter().map(|joint| joint.rms_error_counts).collect();
+        let manifest = Recording::manifest_path(&self.out);
+        if self.json {
+            return print_json(&json!({
+                "recording": self.out, "manifest": manifest, "samples": samples,
+                "partial": ran.partial(), "max_abs_error_counts": max, "rms_error_counts": rms,
+            }));
+        }
+        let joints: Vec<String> =
+            max.iter().zip(&rms).map(|(max, rms)| format!("max {max:.0}, rms {rms:.1}")).collect();
+        print(format!(
+            "{}: {samples} samples{}; tracking error in counts: {}\n{}: manifest",
+            self.out.display(),
+            if ran.partial().is_some() { " (partial)" } else { "" },
+            joints.join(" / "),
+            manifest.display()
+        ))
+    }
+}

@@ -1,0 +1,100 @@
+//! `armid simulate`.
+
+use std::path::PathBuf;
+
+use armid::capture::tracking_quality;
+use armid::client::{Client, Pose};
+use armid::hidden_robot::HiddenRobot;
+use armid::link::SimulatedBoard;
+use clap::Args;
+use serde_json::json;
+
+use super::CommandError;
+use super::common::{RobotArguments, TrajectoryArguments, check_limits, print, print_json, read_model};
+use super::record::Controller;
+use super::run::Run;
+
+/// Arguments of `simulate`.
+#[derive(Debug, Args)]
+pub struct Simulate {
+    #[command(flatten)]
+    robot: RobotArguments,
+    #[command(flatten)]
+    trajectory: TrajectoryArguments,
+    /// Model of the robot to simulate; without it, one is drawn from the seed around the reference robot
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Seed of a drawn robot and of the noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Controller; computed torque runs with the true model, or with --controller-model
+    #[arg(long, value_enum, default_value_t = Controller::P)]
+    mode: Controller,
+    /// Model that computed torque runs with
+    #[arg(long, value_name = "FILE")]
+    controller_model: Option<PathBuf>,
+    /// Recording to write; its manifest goes beside it with the ending .toml
+    #[arg(long, value_name = "FILE", default_value = "simulated.csv")]
+    out: PathBuf,
+    /// Write the truth, as a model file
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Simulate {
+    pub fn run(&self) -> Result<(), CommandError> {
+        let robot = self.robot.read_for_motion()?;
+        let (trajectory, trajectory_name) = self.trajectory.read()?;
+        let settle_ns = self.trajectory.settle_ns()?;
+        let configuration = armid::board_setup::configuration(&robot)?;
+        check_limits(&trajectory, &robot, &configuration)?;
+        let truth = match &self.model {
+            Some(path) => HiddenRobot::from_model(&read_model(path, &robot)?),
+            None => HiddenRobot::draw(&robot, self.seed),
+        };
+        let truth_model = truth.to_model(toml::Table::from_iter([
+            ("tool".to_string(), toml::Value::String(armid::TOOL_VERSION.into())),
+            ("what".to_string(), toml::Value::String("the simulated robot itself".into())),
+        ]));
+        let mut client = Client::connect(Box::new(SimulatedBoard::new(&robot, truth, self.seed)))?;
+        client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false)?;
+        if self.mode == Controller::Ctc {
+            let model = match &self.controller_model {
+                Some(path) => read_model(path, &robot)?,
+                None => truth_model.clone(),
+            };
+            client.upload(&armid::board_setup::board_model(&robot, &model)?)?;
+        }
+        let run = Run {
+            robot: &robot,
+            trajectory: &trajectory,
+            trajectory_name,
+            mode: self.mode.into(),
+            settle_ns,
+            seed: Some(self.seed),
+            path: self.out.clone(),
+        };
+        let ran = run.on(&mut client)?;
+        ran.recording.write(&self.out, &robot)?;
+        if let Some(path) = &self.truth {
+            truth_model.write(path)?;
+        }
+        let quality = tracking_quality(&ran.recording);
+        let max: Vec<f64> = quality.iter().map(|joint| joint.max_abs_error_counts).collect();
+        if self.json {
+            print_json(&json!({
+                "recording": self.out, "samples": ran.recording.samples(), "seed": self.seed, "max_abs_error_counts": max,
+                "truth": {"f": truth_model.f, "viscous_nm_s_per_rad": truth_model.viscous_nm_s_per_rad,
+                          "coulomb_nm": truth_model.coulomb_nm},
+            }))?;
+        } else {
+            let max: Vec<String> = max.iter().map(|max| format!("{max:.0}")).collect();
+            let samples = ran.recording.samples();
+            print(format!("{}: {samples} samples; largest errors {} counts", self.out.display(), max.join(" / ")))?;
+        }
+        ran.whole().map(drop)
+    }
+}

@@ -1,0 +1,150 @@
+//! What can be wrong with a file: always the file, the place, the value, the limit and what to do about it.
+
+use std::path::PathBuf;
+
+use shared::arm::ArmError;
+use shared::control::GainError;
+
+/// A file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}{}: {problem}; {remedy}", path.display(), line_suffix(*line))]
+pub struct FileError {
+    /// The file.
+    pub path: PathBuf,
+    /// The line, counted from 1, where the problem has one.
+    pub line: Option<usize>,
+    /// What is wrong.
+    pub problem: Problem,
+    /// What to do about it.
+    pub remedy: String,
+}
+
+fn line_suffix(line: Option<usize>) -> String {
+    line.map(|line| format!(":{line}")).unwrap_or_default()
+}
+
+impl FileError {
+    /// True where the file is well formed but describes something unsafe to move.
+    pub fn is_unsafe(&self) -> bool {
+        matches!(self.problem, Problem::Unstable { .. })
+    }
+}
+
+/// What is wrong with a file.
+#[derive(Debug, thiserror::Error)]
+pub enum Problem {
+    /// The file cannot be opened or read.
+    #[error("cannot be read: {0}")]
+    Read(std::io::Error),
+    /// The file cannot be written.
+    #[error("cannot be written: {0}")]
+    Write(std::io::Error),
+    /// The file is not text in UTF-8.
+    #[error("is not UTF-8 text (byte {byte})")]
+    NotText {
+        /// Offset of the first byte that is not UTF-8.
+        byte: usize,
+    },
+    /// The text does not follow the format: TOML syntax, an unknown key, a key of the wrong type.
+    #[error("column {column}: {message}")]
+    Format {
+        /// Column, counted from 1.
+        column: usize,
+        /// What the parser says.
+        message: String,
+    },
+    /// A key that must be there is not.
+    #[error("{field} is missing")]
+    Missing {
+        /// The key, with its table.
+        field: String,
+    },
+    /// A value is outside its limits.
+    #[error("{field} is {value}, but must be {limit}")]
+    Value {
+        /// The key or column, with its table.
+        field: String,
+        /// What the file says.
+        value: String,
+        /// What would be accepted.
+        limit: String,
+    },
+    /// A position gain the sampled loop would not survive.
+    #[error("joint {joint}: {source}")]
+    Unstable {
+        /// Name of the joint.
+        joint: String,
+        /// The gain and its limit.
+        source: GainError,
+    },
+    /// f1..f9 cannot be an arm.
+    #[error("f.value: {0}")]
+    NotAnArm(ArmError),
+    /// The recording's first line is not the header of the contract.
+    #[error("the header is \"{found}\", but must be \"{expected}\"")]
+    Header {
+        /// The line found.
+        found: String,
+        /// The header the robot file calls for.
+        expected: String,
+    },
+    /// Columns or contents belong to another joint than their name says.
+    #[error("the joints look swapped: {evidence}")]
+    SwappedJoints {
+        /// What shows it.
+        evidence: String,
+    },
+    /// The measured current runs against the tracking error.
+    #[error(
+        "{current} falls when {error} rises (correlation {correlation:.2}), but under the position loop it must follow \
+         it (correlation near 1)"
+    )]
+    CurrentAgainstError {
+        /// Name of the current column.
+        current: String,
+        /// Name of the error column.
+        error: String,
+        /// Correlation of the two.
+        correlation: f64,
+    },
+    /// A line has too many or too few columns.
+    #[error("{found} columns, but the header has {expected}")]
+    ColumnCount {
+        /// Columns in this line.
+        found: usize,
+        /// Columns in the header.
+        expected: usize,
+    },
+    /// The last line ends in the middle.
+    #[error("the last line is cut off: \"{text}\"")]
+    Truncated {
+        /// The line.
+        text: String,
+    },
+    /// Record periods are missing.
+    #[error("tick jumps from {from} to {to}: {missing} samples are missing")]
+    Gap {
+        /// Tick before the gap.
+        from: u32,
+        /// Tick after it.
+        to: u32,
+        /// How many are missing.
+        missing: u32,
+    },
+    /// Ticks repeat or run backwards.
+    #[error("tick {to} follows tick {from}, but ticks must rise")]
+    TickOrder {
+        /// Tick of the line before.
+        from: u32,
+        /// Tick of this line.
+        to: u32,
+    },
+    /// Too few samples.
+    #[error("{samples} samples, but at least {least} are needed")]
+    TooShort {
+        /// Samples found.
+        samples: usize,
+        /// Samples needed.
+        least: usize,
+    },
+}

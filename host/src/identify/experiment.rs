@@ -1,0 +1,323 @@
+//! Recordings made ready for simulation, and the two residuals every stage works with.
+
+use shared::control::{Cascade, Law, LawState, PositionLaw, SampledTiming};
+use shared::drive::centre_of_count;
+use shared::plant::State;
+use shared::replay::{ClosedLoop, ClosedLoopTick, Innovations, RecordedSample, ReplaySettings};
+
+use super::IdentifyError;
+use super::parameters::Values;
+use crate::recording::Recording;
+use crate::robot::{self, Robot};
+
+/// Integration steps per record period of the innovations, the same for every candidate.
+const INNOVATION_SUBSTEPS: u32 = 4;
+
+/// The longest integration step of a closed loop that is judged or fitted finely.
+const FINE_STEP_S: f64 = 5e-5;
+
+/// How finely the closed loop is integrated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fineness {
+    /// One step per record period: exact to the encoder's rounding at 0.7 ms, for searches.
+    Coarse,
+    /// Steps of at most 0.05 ms: for the result itself.
+    Fine,
+}
+
+/// The first moments carry the unknown start, not the parameters: four time constants of the
+/// 4 Hz state correction.
+const SETTLING_S: f64 = 0.2;
+
+/// The shortest stretch without gaps that is worth simulating.
+const SHORTEST_SEGMENT_S: f64 = 0.35;
+
+/// A stretch of a recording without gaps, as the model takes it.
+#[derive(Clone, Debug)]
+pub struct Segment {
+    /// Reference in counts, one pair a sample; the second joint of a single axis is zero throughout.
+    pub reference_counts: Vec<[f64; 2]>,
+    /// Recorded tracking error in counts.
+    pub error_counts: Vec<[f64; 2]>,
+    /// Motor position in counts: middle of the cell of the truncated count.
+    pub measured_counts: Vec<[f64; 2]>,
+    /// Command computed at each sample in A.
+    pub command_a: Vec<[f64; 2]>,
+    /// Known motor torque beside the command in N m.
+    pub added_torque_nm: Vec<[f64; 2]>,
+    start: State<f64>,
+}
+
+/// A robot, the recordings made on it, and how a model repeats them.
+#[derive(Clone, Debug)]
+pub struct Experiment<'a> {
+    /// The robot the recordings were made on.
+    pub robot: &'a Robot,
+    /// Its recordings, cut at gaps.
+    pub segments: Vec<Segment>,
+    laws: [Law<f64>; 2],
+    timing: SampledTiming,
+}
+
+impl<'a> Experiment<'a> {
+    /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
+    pub fn new(robot: &'a Robot, recordings: &[Recording]) -> Result<Self, IdentifyError> {
+        let timing = SampledTiming {
+            record_period_s: robot.record_period_s,
+            loop_period_s: robot.loop_period_s,
+            command_delay_s: robot.command_delay_s,
+        };
+        let mut experiment = Self { robot, segments: Vec::new(), laws: laws(robot), timing };
+        let shortest = (SHORTEST_SEGMENT_S / robot.record_period_s) as usize;
+        for recording in recordings {
+            let before = experiment.segments.len();
+            for range in contiguous(&recording.tick) {
+                if range.len() >= shortest {
+                    let segment = experiment.segment(recording, range);
+                    experiment.segments.push(segment);
+                }
+            }
+            if experiment.segments.len() == before {
+                return Err(IdentifyError::TooShort {
+                    path: recording.path.clone(),
+                    samples: recording.tick.len(),
+                    needed: shortest,
+                });
+            }
+        }
+        Ok(experiment)
+    }
+
+    fn segment(&self, recording: &Recording, range: std::ops::Range<usize>) -> Segment {
+        let joints = self.robot.joints.len();
+        let pairs = |columns: &[Vec<f64>]| -> Vec<[f64; 2]> {
+            range.clone().map(|k| [columns[0][k], if joints > 1 { columns[1][k] } else { 0.0 }]).collect()
+        };
+        let reference_counts = pairs(&recording.reference_counts);
+        let error_counts = pairs(&recording.error_counts);
+        let actual: Vec<[f64; 2]> =
+            reference_counts.iter().zip(&error_counts).map(|(r, e)| [r[0] - e[0], r[1] - e[1]]).collect();
+        let measured_counts: Vec<[f64; 2]> =
+            if self.robot.quantised { actual.iter().map(|a| a.map(centre_of_count)).collect() } else { actual.clone() };
+        let command_a = match (&recording.command_a, self.robot.current_is_command) {
+            (Some(columns), _) => pairs(columns),
+            (None, true) => pairs(&recording.current_a),
+            (None, false) => {
+                let mut states = self.laws.map(LawState::new);
+                reference_counts
+                    .iter()
+                    .zip(&actual)
+                    .map(|(r, a)| {
+                        [states[0].command_a(r[0], a[0]), states[1].command_a(r[1], a[1])]
+                    })
+                    .collect()
+            }
+        };
+        let added_torque_nm = match &recording.added_torque {
+            // Added commands are in the command's unit, like every current.
+            Some(columns) => pairs(columns)
+                .into_iter()
+                .map(|pair| std::array::from_fn(|j| pair[j] * self.torque_constant(j)))
+                .collect(),
+            None => vec![[0.0; 2]; reference_counts.len()],
+        };
+        let start = self.start(&measured_counts);
+        Segment { reference_counts, error_counts, measured_counts, command_a, added_torque_nm, start }
+    }
+
+    fn torque_constant(&self, joint: usize) -> f64 {
+        self.robot.joints.get(joint).map_or(0.0, |j| j.torque_constant_nm_per_a)
+    }
+
+    /// Counts per radian (or metre) of a joint; 1 for the idle joint of a single axis.
+    pub fn counts_per_rad(&self, joint: usize) -> f64 {
+        self.robot
+            .joints
+            .get(joint)
+            .map_or(1.0 / std::f64::consts::TAU, |j| j.gear_ratio * j.counts_per_rev / std::f64::consts::TAU)
+    }
+
+    /// The state at the first sample: a parabola through the first 15 ms; at rest if that travels under two counts.
+    fn start(&self, measured_counts: &[[f64; 2]]) -> State<f64> {
+        let period_s = self.robot.record_period_s;
+        let samples = ((0.015 / period_s) as usize).clamp(4, measured_counts.len());
+        let mut state = State::at_rest([0.0; 2]);
+        for joint in 0..2 {
+            let counts: Vec<f64> = measured_counts[..samples].iter().map(|pair| pair[joint]).collect();
+            state.position_rad[joint] = counts[0] / self.counts_per_rad(joint);
+            if (counts[samples - 1] - counts[0]).abs() >= 2.0 {
+                state.velocity_rad_s[joint] = initial_slope(&counts) / period_s / self.counts_per_rad(joint);
+            }
+        }
+        state
+    }
+
+    /// The robot's laws as they are at the first sample of `segment`.
+    fn laws(&self, segment: &Segment) -> [LawState<f64>; 2] {
+        std::array::from_fn(|joint| {
+            let per_tick =
+                segment.start.velocity_rad_s[joint] * self.counts_per_rad(joint) * self.robot.record_period_s;
+            let error = segment.error_counts[0][joint];
+            LawState::moving(self.laws[joint], error, segment.reference_counts[0][joint] - error, per_tick)
+        })
+    }
+
+    fn settings(&self, substeps: u32) -> ReplaySettings {
+        ReplaySettings { timing: self.timing, quantised: self.robot.quantised, substeps }
+    }
+
+    /// Samples in all segments.
+    pub fn samples(&self) -> usize {
+        self.segments.iter().map(|s| s.error_counts.len()).sum()
+    }
+
+    /// The samples of a segment that carry innovations worth fitting: all but the first moments.
+    pub fn settled(&self, segment: &Segment) -> std::ops::Range<usize> {
+        let skip = (SETTLING_S / self.robot.record_period_s) as usize;
+        skip.min(segment.error_counts.len())..segment.error_counts.len()
+    }
+
+    fn closed_loop_substeps(&self, fineness: Fineness) -> u32 {
+        match fineness {
+            Fineness::Coarse => 1,
+            Fineness::Fine => (self.robot.record_period_s / FINE_STEP_S - 1e-9).ceil() as u32,
+        }
+    }
+
+    /// The model's closed-loop tracking error and command on a segment.
+    pub fn closed_loop(&self, values: &Values, segment: &Segment, fineness: Fineness) -> Vec<ClosedLoopTick<f64>> {
+        let plant = values.plant(self.robot);
+        let settings = self.settings(self.closed_loop_substeps(fineness));
+        let mut model = ClosedLoop::new(&plant, self.laws(segment), &settings, segment.start);
+        segment.reference_counts.iter().zip(&segment.added_torque_nm).map(|(&r, &t)| model.tick(r, t)).collect()
+    }
+
+    /// The paper's objective Y on all segments: the sum of squared differences between the recorded and the model's
+    /// tracking errors, both joints, counts². NaN or infinite for a model that blows up.
+    pub fn objective_counts2(&self, values: &Values) -> f64 {
+        let plant = values.plant(self.robot);
+        let settings = self.settings(self.closed_loop_substeps(Fineness::Coarse));
+        let mut sum = 0.0;
+        for segment in &self.segments {
+            let mut model = ClosedLoop::new(&plant, self.laws(segment), &settings, segment.start);
+            for k in 0..segment.error_counts.len() {
+                let tick = model.tick(segment.reference_counts[k], segment.added_torque_nm[k]);
+                for joint in 0..self.robot.joints.len() {
+                    let difference = segment.error_counts[k][joint] - tick.error_counts[joint];
+                    sum += difference * difference;
+                }
+            }
+        }
+        sum
+    }
+
+    /// Closed-loop differences, recorded minus modelled error in counts, per segment and joint.
+    pub fn closed_loop_differences(&self, values: &Values, fineness: Fineness) -> Vec<[Vec<f64>; 2]> {
+        let difference = |segment: &Segment| {
+            let model = self.closed_loop(values, segment, fineness);
+            let of = |joint: usize| {
+                segment.error_counts.iter().zip(&model).map(|(e, m)| e[joint] - m.error_counts[joint]).collect()
+            };
+            [of(0), of(1)]
+        };
+        self.segments.iter().map(difference).collect()
+    }
+
+    /// Root mean square of the closed-loop differences per joint of the robot, in counts.
+    pub fn closed_loop_rms_counts(&self, values: &Values) -> Vec<f64> {
+        self.rms(&self.closed_loop_differences(values, Fineness::Fine), |segment| 0..segment.error_counts.len())
+    }
+
+    /// Innovations in counts, per segment and joint, at every sample.
+    pub fn innovations(&self, values: &Values) -> Vec<[Vec<f64>; 2]> {
+        let plant = values.plant(self.robot);
+        let settings = self.settings(INNOVATION_SUBSTEPS);
+        let of = |segment: &Segment| {
+            let mut model = Innovations::new(&plant, self.laws(segment), &settings, segment.start);
+            let mut columns = [Vec::with_capacity(segment.error_counts.len()), Vec::new()];
+            columns[1].reserve(segment.error_counts.len());
+            for k in 0..segment.error_counts.len() {
+                let innovation = model.tick(&RecordedSample {
+                    reference_counts: segment.reference_counts[k],
+                    measured_counts: segment.measured_counts[k],
+                    command_a: segment.command_a[k],
+                    added_torque_nm: segment.added_torque_nm[k],
+                });
+                columns[0].push(innovation[0]);
+                columns[1].push(innovation[1]);
+            }
+            columns
+        };
+        self.segments.iter().map(of).collect()
+    }
+
+    /// Root mean square of the settled innovations per joint of the robot, in counts.
+    pub fn innovation_rms_counts(&self, values: &Values) -> Vec<f64> {
+        self.rms(&self.innovations(values), |segment| self.settled(segment))
+    }
+
+    fn rms(&self, columns: &[[Vec<f64>; 2]], range: impl Fn(&Segment) -> std::ops::Range<usize>) -> Vec<f64> {
+        (0..self.robot.joints.len())
+            .map(|joint| {
+                let (mut sum, mut count) = (0.0, 0);
+                for (segment, columns) in self.segments.iter().zip(columns) {
+                    let part = &columns[joint][range(segment)];
+                    sum += part.iter().map(|x| x * x).sum::<f64>();
+                    count += part.len();
+                }
+                (sum / count.max(1) as f64).sqrt()
+            })
+            .collect()
+    }
+
+    /// Recorded minus modelled torque (or force) of the closed loop at the drive in N m (or N), root mean square per
+    /// joint over the settled samples: the state and the law's memory before the first sample are not known.
+    pub fn force_gap_rms(&self, values: &Values) -> Vec<f64> {
+        let difference = |segment: &Segment| {
+            let model = self.closed_loop(values, segment, Fineness::Fine);
+            std::array::from_fn(|joint| {
+                let constant = self.torque_constant(joint);
+                segment.command_a.iter().zip(&model).map(|(c, m)| (c[joint] - m.command_a[joint]) * constant).collect()
+            })
+        };
+        let differences: Vec<[Vec<f64>; 2]> = self.segments.iter().map(difference).collect();
+        self.rms(&differences, |segment| self.settled(segment))
+    }
+}
+
+/// The slope at the first of equally spaced `values` of the least-squares parabola through them, per sample.
+fn initial_slope(values: &[f64]) -> f64 {
+    let rows = values.len();
+    let design = nalgebra::DMatrix::from_fn(rows, 3, |k, power| (k as f64).powi(power as i32));
+    let solution = design.svd(true, true).solve(&nalgebra::DVector::from_column_slice(values), 1e-12);
+    solution.map_or(0.0, |coefficients| coefficients[1])
+}
+
+fn laws(robot: &Robot) -> [Law<f64>; 2] {
+    let law = |index: usize| match robot.joints.get(index) {
+        Some(joint) => match joint.law {
+            robot::Law::Proportional(position_loop) => Law::Proportional(position_loop),
+            robot::Law::Cascade { position_gain_per_s, velocity_gain } => Law::Cascade(Cascade {
+                position_gain_per_s,
+                velocity_gain,
+                counts_per_unit: joint.gear_ratio * joint.counts_per_rev / std::f64::consts::TAU,
+                period_s: robot.loop_period_s,
+            }),
+        },
+        None => Law::Proportional(shared::control::PositionLoop { gain_a_per_count: 0.0, lead: 0.0 }),
+    };
+    [law(0), law(1)]
+}
+
+/// The ranges of samples whose ticks follow each other without a gap.
+fn contiguous(tick: &[u32]) -> Vec<std::ops::Range<usize>> {
+    let mut ranges = Vec::new();
+    let mut from = 0;
+    for k in 1..=tick.len() {
+        if k == tick.len() || tick[k] != tick[k - 1].wrapping_add(1) {
+            ranges.push(from..k);
+            from = k;
+        }
+    }
+    ranges
+}

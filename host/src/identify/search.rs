@@ -1,0 +1,118 @@
+//! The genetic algorithm on the paper's objective.
+
+use rayon::prelude::*;
+use rand_pcg::Pcg64Mcg;
+use rand_core::SeedableRng;
+use shared::genetic::{Genetic, Range, Settings};
+
+use super::IdentifyError;
+use super::experiment::Experiment;
+use super::parameters::{Parameter, Values};
+
+/// Individuals in a subpopulation and subpopulations, as the paper has them.
+const INDIVIDUALS: usize = 20;
+const SUBPOPULATIONS: usize = 4;
+
+/// One generation's outcome.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Generation {
+    /// Best objective so far over all subpopulations, counts².
+    pub best_counts2: f64,
+    /// Best objective of each subpopulation, counts².
+    pub subpopulations_counts2: [f64; SUBPOPULATIONS],
+}
+
+/// What a search found.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// The best candidate.
+    pub values: Values,
+    /// Its objective in counts².
+    pub objective_counts2: f64,
+    /// Simulations spent.
+    pub evaluations: usize,
+    /// The course of the search, the initial population first.
+    pub generations: Vec<Generation>,
+}
+
+/// Where to search.
+pub struct SearchBox<'a> {
+    /// The parameters sought; everything else stays as in `known`.
+    pub free: &'a [Parameter],
+    /// Lowest and highest value of each.
+    pub ranges: &'a [[f64; 2]],
+    /// The values of everything else.
+    pub known: &'a Values,
+    /// A known good candidate, put into the first population.
+    pub start: Option<&'a [f64]>,
+    /// The algorithm's settings: the paper's by default.
+    pub settings: Settings,
+}
+
+/// Minimises the paper's Y over `place` with the paper's genetic algorithm. The same seed gives the same result.
+pub fn search(
+    experiment: &Experiment,
+    place: &SearchBox,
+    seed: u64,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<Found, IdentifyError> {
+    // The chromosome's length is part of the type; these are the numbers of parameters a robot can have.
+    match place.free.len() {
+        0..=4 => search_sized::<4>(experiment, place, seed, progress),
+        5..=9 => search_sized::<9>(experiment, place, seed, progress),
+        _ => search_sized::<13>(experiment, place, seed, progress),
+    }
+}
+
+fn search_sized<const GENES: usize>(
+    experiment: &Experiment,
+    place: &SearchBox,
+    seed: u64,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<Found, IdentifyError> {
+    // Genes beyond the parameters change nothing.
+    let mut ranges = [Range { low: 0.0, high: 1.0 }; GENES];
+    for (range, &[low, high]) in ranges.iter_mut().zip(place.ranges) {
+        *range = Range { low, high };
+    }
+    let used = place.free.len();
+    let mut objective = |candidates: &[[f64; GENES]], objectives: &mut [f64]| {
+        candidates.par_iter().zip(objectives.par_iter_mut()).for_each(|(genes, value)| {
+            let values = place.known.with(place.free, &genes[..used]);
+            // A candidate that no arm could have is worse than any that one could.
+            *value = if acceptable(experiment, &values) { experiment.objective_counts2(&values) } else { f64::INFINITY };
+        });
+    };
+    let random = Pcg64Mcg::seed_from_u64(seed);
+    let mut genetic = Genetic::<GENES, INDIVIDUALS, SUBPOPULATIONS, _>::new(place.settings, ranges, random)?;
+    if let Some(start) = place.start {
+        let mut genes = [0.0; GENES];
+        genes[..used].copy_from_slice(start);
+        genetic.seed_individual(0, 0, genes)?;
+    }
+    let mut generations = Vec::new();
+    genetic.run(&mut objective, |state| {
+        let best_counts2 = state.best().1;
+        generations.push(Generation {
+            best_counts2,
+            subpopulations_counts2: std::array::from_fn(|s| state.best_of(s).1),
+        });
+        progress(best_counts2);
+    });
+    let (genes, objective_counts2) = genetic.best();
+    Ok(Found {
+        values: place.known.with(place.free, &genes[..used]),
+        objective_counts2,
+        evaluations: genetic.evaluations() as usize,
+        generations,
+    })
+}
+
+/// Whether an arm could have these values: a positive definite inertia matrix and no negative friction.
+pub fn acceptable(experiment: &Experiment, values: &Values) -> bool {
+    let inertia = match experiment.robot.kind {
+        crate::robot::Kind::TwoLink => values.arm(experiment.robot).check_inertia().is_ok(),
+        crate::robot::Kind::SingleAxis => values.f[6].is_finite() && values.f[6] > 0.0,
+    };
+    inertia && values.coulomb_nm.iter().chain(&values.viscous_nm_s_per_rad).all(|&friction| friction >= 0.0)
+}

@@ -1,0 +1,262 @@
+//! The stages of an identification, one after the other.
+
+use rayon::prelude::*;
+use shared::genetic::{Coding, Settings};
+
+use super::experiment::{Experiment, Fineness};
+use super::least_squares::{self, ITERATIONS, Problem, Series};
+use super::low_pass::low_pass;
+use super::parameters::{Parameter, Values};
+use super::search::{Generation, SearchBox, acceptable, search};
+use super::{IdentifyError, Progress, linear};
+use crate::robot::Kind;
+
+/// Cut-off frequencies of the filter ladder in Hz: each stage's basin holds the stage before's result.
+const LADDER_HZ: [f64; 3] = [8.0, 12.0, 15.0];
+
+/// How far around the ladder's result the genetic algorithm looks, as a share of the search range.
+const NEIGHBOURHOOD: f64 = 0.01;
+
+/// Generations of the genetic algorithm around the ladder's result: it has little left to find there.
+const POLISH_GENERATIONS: u32 = 15;
+
+/// Relative improvement at which a stage stops: a rung of the ladder only has to reach the next one's basin.
+const RUNG_TOLERANCE: f64 = 1e-3;
+const FINAL_TOLERANCE: f64 = 1e-7;
+
+/// Over how long residuals are taken to be correlated: longer than the memory of the 4 Hz state correction, and a few
+/// dozen times in a movement, so that the estimate itself does not scatter. `tests/tests/identification.rs` judges it.
+const CORRELATION_S: f64 = 0.35;
+
+/// Innovations this many times above their own white part mean that the model lacks something.
+const LACKING: f64 = 10.0;
+
+/// What the stages found.
+pub struct Outcome {
+    /// The best values.
+    pub values: Values,
+    /// Standard errors of the free parameters, if the method gives any.
+    pub standard_errors: Option<Vec<f64>>,
+    /// Correlations of the free parameters' errors.
+    pub correlations: Option<Vec<Vec<f64>>>,
+    /// Whether the model leaves far more than noise.
+    pub lack_of_fit: bool,
+    /// Simulations spent.
+    pub evaluations: usize,
+    /// The genetic algorithm's course.
+    pub generations: Vec<Generation>,
+}
+
+/// One identification under way.
+pub struct Run<'a> {
+    /// The recordings to fit.
+    pub experiment: &'a Experiment<'a>,
+    /// The parameters sought.
+    pub free: &'a [Parameter],
+    /// Seed of the genetic algorithm.
+    pub seed: u64,
+    /// Told of every step.
+    pub progress: &'a (dyn Fn(Progress) + Sync),
+}
+
+impl Run<'_> {
+    /// The paper's genetic algorithm on the whole search range.
+    pub fn paper(&self) -> Result<Outcome, IdentifyError> {
+        let generations = Settings::default().generations as usize + 1;
+        let step = self.stage("genetic algorithm", 0, generations);
+        let mut known = Values::of_robot(self.experiment.robot);
+        // The paper's ranges cover f alone. What else is unknown is taken from the linear start.
+        let f: Vec<Parameter> = self.free.iter().copied().filter(|p| matches!(p, Parameter::F(_))).collect();
+        if f.len() < self.free.len() {
+            known = linear::linear_start(self.experiment, &known, self.free, LADDER_HZ[0]);
+        }
+        let ranges: Vec<[f64; 2]> = f.iter().map(|&parameter| self.range(parameter, &known)).collect();
+        let place =
+            SearchBox { free: &f, ranges: &ranges, known: &known, start: None, settings: Settings::default() };
+        let found = search(self.experiment, &place, self.seed, &step)?;
+        Ok(Outcome {
+            values: found.values,
+            standard_errors: None,
+            correlations: None,
+            lack_of_fit: false,
+            evaluations: found.evaluations,
+            generations: found.generations,
+        })
+    }
+
+    /// Linear start, filter ladder, genetic algorithm, innovations.
+    pub fn full(&self) -> Result<Outcome, IdentifyError> {
+        let experiment = self.experiment;
+        let searched = POLISH_GENERATIONS as usize + 1;
+        let total = LADDER_HZ.len() * ITERATIONS + searched + ITERATIONS + 1;
+        let mut evaluations = 0;
+
+        let known = Values::of_robot(experiment.robot);
+        let mut values = linear::linear_start(experiment, &known, self.free, LADDER_HZ[0]);
+        for (rung, cutoff_hz) in LADDER_HZ.into_iter().enumerate() {
+            let step = self.stage("filter ladder", rung * ITERATIONS, total);
+            let period_s = experiment.robot.record_period_s;
+            let residuals = |candidate: &[f64]| -> Series {
+                let values = values.with(self.free, candidate);
+                let differences = experiment.closed_loop_differences(&values, Fineness::Coarse);
+                self.series(differences).into_par_iter().map(|s| low_pass(&s, period_s, cutoff_hz)).collect()
+            };
+            let fit = self.solve(&values, &residuals, RUNG_TOLERANCE, &step);
+            values = values.with(self.free, &fit.values);
+            evaluations += fit.evaluations;
+        }
+
+        let step = self.stage("genetic algorithm", LADDER_HZ.len() * ITERATIONS, total);
+        let start = values.of(self.free);
+        let ranges: Vec<[f64; 2]> = self
+            .free
+            .iter()
+            .zip(&start)
+            .map(|(&parameter, &value)| {
+                let [low, high] = self.range(parameter, &values);
+                let reach = NEIGHBOURHOOD * (high - low);
+                [value - reach, value + reach]
+            })
+            .collect();
+        // Gray coding and more frequent migration do better than the paper's settings on a small box.
+        let settings = Settings {
+            coding: Coding::Gray,
+            migration_interval: 5,
+            generations: POLISH_GENERATIONS,
+            ..Settings::default()
+        };
+        let place = SearchBox { free: self.free, ranges: &ranges, known: &values, start: Some(&start), settings };
+        let found = search(experiment, &place, self.seed, &step)?;
+        evaluations += found.evaluations;
+        if found.objective_counts2 < experiment.objective_counts2(&values) {
+            values = found.values;
+        }
+
+        let done = LADDER_HZ.len() * ITERATIONS + searched;
+        let innovations = |candidate: &[f64]| -> Series {
+            self.settled(experiment.innovations(&values.with(self.free, candidate)))
+        };
+        let fit = self.solve(&values, &innovations, FINAL_TOLERANCE, &self.stage("innovations", done, total));
+        evaluations += fit.evaluations;
+        let best = values.with(self.free, &fit.values);
+        let lack_of_fit = lacks_something(&innovations(&fit.values));
+        let correlated = (CORRELATION_S / experiment.robot.record_period_s) as usize;
+
+        let (best, covariance) = if lack_of_fit {
+            // Where the model lacks something no estimate is the true one. The best is then the one that repeats the
+            // tracking errors best, which is what the paper's Y asks for.
+            let closed_loop = |candidate: &[f64]| -> Series {
+                self.settled(experiment.closed_loop_differences(&best.with(self.free, candidate), Fineness::Fine))
+            };
+            let step = self.stage("closed loop", done, total);
+            let fit = self.solve(&best, &closed_loop, FINAL_TOLERANCE, &step);
+            evaluations += fit.evaluations;
+            let covariance =
+                self.problem(&best, &closed_loop, FINAL_TOLERANCE, &step, |problem| problem.covariance(&fit.values, correlated));
+            (best.with(self.free, &fit.values), covariance)
+        } else {
+            let covariance =
+                self.problem(&best, &innovations, FINAL_TOLERANCE, &|_| (), |problem| problem.covariance(&fit.values, correlated));
+            (best, covariance)
+        };
+        evaluations += 2 * self.free.len() + 1;
+        let standard_errors: Vec<f64> = (0..self.free.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
+        let correlation = |i: usize, j: usize| covariance[(i, j)] / (standard_errors[i] * standard_errors[j]);
+        let correlations =
+            (0..self.free.len()).map(|i| (0..self.free.len()).map(|j| correlation(i, j)).collect()).collect();
+        (self.progress)(Progress { stage: "done", done: total, total });
+        Ok(Outcome {
+            values: best,
+            standard_errors: Some(standard_errors),
+            correlations: Some(correlations),
+            lack_of_fit,
+            evaluations,
+            generations: found.generations,
+        })
+    }
+
+    /// The settled part of the robot's own joints, one series per segment and joint.
+    fn settled(&self, columns: Vec<[Vec<f64>; 2]>) -> Series {
+        let joints = self.experiment.robot.joints.len();
+        let mut series = Vec::new();
+        for (segment, pair) in self.experiment.segments.iter().zip(columns) {
+            for column in pair.iter().take(joints) {
+                series.push(column[self.experiment.settled(segment)].to_vec());
+            }
+        }
+        series
+    }
+
+    /// The residuals of the robot's own joints, one series per segment and joint.
+    fn series(&self, columns: Vec<[Vec<f64>; 2]>) -> Series {
+        let joints = self.experiment.robot.joints.len();
+        columns.into_iter().flat_map(|pair| pair.into_iter().take(joints)).collect()
+    }
+
+    fn solve(
+        &self,
+        values: &Values,
+        residuals: &(dyn Fn(&[f64]) -> Series + Sync),
+        tolerance: f64,
+        step: &(dyn Fn(f64) + Sync),
+    ) -> least_squares::Fit {
+        self.problem(values, residuals, tolerance, step, |problem| problem.solve(&values.of(self.free)))
+    }
+
+    fn problem<T>(
+        &self,
+        values: &Values,
+        residuals: &(dyn Fn(&[f64]) -> Series + Sync),
+        tolerance: f64,
+        step: &(dyn Fn(f64) + Sync),
+        work: impl FnOnce(&Problem) -> T,
+    ) -> T {
+        let steps: Vec<f64> = self.free.iter().map(|&parameter| self.difference_step(parameter, values)).collect();
+        let acceptable = |candidate: &[f64]| acceptable(self.experiment, &values.with(self.free, candidate));
+        work(&Problem { residuals, steps: &steps, acceptable: &acceptable, tolerance, progress: step })
+    }
+
+    /// A thousandth of what the parameter usually is: far above the simulation's rounding, far below its curvature.
+    fn difference_step(&self, parameter: Parameter, values: &Values) -> f64 {
+        let [low, high] = self.range(parameter, values);
+        match parameter {
+            Parameter::F(_) => 2e-4 * (high - low),
+            _ => 1e-3 * 0.5 * (high - low),
+        }
+    }
+
+    /// The range a parameter lies in: the robot file's for f of an arm, otherwise around what is known.
+    fn range(&self, parameter: Parameter, values: &Values) -> [f64; 2] {
+        let robot = self.experiment.robot;
+        let value = values.get(parameter);
+        match (robot.kind, parameter) {
+            (Kind::TwoLink, Parameter::F(index)) => robot.search[index],
+            (_, Parameter::TorqueOffset(joint)) => {
+                let reach = values.coulomb_nm[joint].max(1e-6);
+                [value - reach, value + reach]
+            }
+            _ => [0.0, 2.0 * value.abs().max(1e-6)],
+        }
+    }
+
+    /// A callback that counts the steps of one stage.
+    fn stage(&self, stage: &'static str, from: usize, total: usize) -> impl Fn(f64) + Sync + use<'_> {
+        let count = std::sync::atomic::AtomicUsize::new(from);
+        move |_| {
+            let done = count.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            (self.progress)(Progress { stage, done: done.min(total), total });
+        }
+    }
+}
+
+/// Whether residuals are far larger than their white part, which second differences measure: √6 of it is all that
+/// white noise leaves in them, and a slow misfit leaves next to nothing.
+fn lacks_something(residuals: &Series) -> bool {
+    residuals.iter().any(|series| {
+        let rms = |sum: f64, count: usize| (sum / count.max(1) as f64).sqrt();
+        let total = rms(series.iter().map(|x| x * x).sum(), series.len());
+        let second_differences: f64 = series.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2)).sum();
+        let white = rms(second_differences, series.len()) / 6f64.sqrt();
+        total > LACKING * white
+    })
+}

@@ -1,0 +1,35 @@
+//! The host's side of armid: files, links to a board, calibration, identification.
+//!
+//! ```text
+//! robot, recording, model, trajectory_file   the files of the contract, read with every problem named
+//! link ── client ── capture                  bytes to a board, requests and movements, movements to recordings
+//! board_setup                                a robot file in the protocol's terms
+//! hidden_robot                               what a simulated board's robot really is
+//! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! ```
+#![forbid(unsafe_code)]
+#![expect(clippy::result_large_err, reason = "an error ends the command; none is on a path that is often taken")]
+
+mod atomic;
+pub mod board_setup;
+pub mod calibrate;
+pub mod capture;
+pub mod client;
+mod edit_distance;
+pub mod file_error;
+pub mod hidden_robot;
+pub mod identified_model;
+pub mod identify;
+pub mod link;
+pub mod model;
+mod random;
+pub mod recording;
+pub mod robot;
+mod toml_text;
+pub mod trajectory_file;
+
+/// Writes a file all at once: a reader sees the old file or the new one, never half of either.
+pub use atomic::write as write_file;
+
+/// Version of this tool, written into every file it makes.
+pub const TOOL_VERSION: &str = concat!("armid ", env!("CARGO_PKG_VERSION"));

@@ -1,0 +1,57 @@
+//! Ways to reach a board: bytes out, bytes in, and a clock to time both by.
+
+mod open;
+mod serial;
+mod simulated;
+mod tcp;
+
+use std::time::Duration;
+
+pub use open::{Address, AddressError, open};
+pub use serial::SerialLink;
+pub use simulated::SimulatedBoard;
+pub use tcp::TcpLink;
+
+/// A byte stream to a board.
+pub trait Link {
+    /// Sends all of `bytes`.
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError>;
+
+    /// Waits for bytes for at most `timeout`, puts them into `buffer` and says how many: 0 where none came.
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError>;
+
+    /// Time on the link's clock: real time for a real board, virtual time for a simulated one.
+    fn now(&self) -> Duration;
+
+    /// Where the link leads, for messages.
+    fn name(&self) -> String;
+}
+
+/// A board that cannot be reached.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// The connection could not be made.
+    #[error("cannot connect to {address}: {reason}; {remedy}")]
+    Connect {
+        /// Where to.
+        address: String,
+        /// What the system says.
+        reason: String,
+        /// What to do about it.
+        remedy: &'static str,
+    },
+    /// The connection broke.
+    #[error("the connection to {address} broke: {reason}; check cable and power, then connect again")]
+    Broken {
+        /// Where to.
+        address: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// No board was given and none was found.
+    #[error(
+        "no board was found on USB; connect one, name it with --board serial:PATH or --board tcp:HOST:PORT, or use \
+         the simulated one: --board sim"
+    )]
+    NoBoard,
+}

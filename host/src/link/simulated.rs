@@ -1,0 +1,217 @@
+//! A board in this process: [`shared::board::Board`] around [`shared::plant`], spoken to through the bytes of the
+//! protocol.
+//!
+//! Time is virtual: it moves on when the host waits for bytes, and one tick with every send, so a run takes no longer
+//! than its computing and two runs are the same to the bit.
+//!
+//! Modelled: sampling both encoders at one instant, `fix()`, the command acting its delay after sampling, the
+//! converters' 12 bits and their full scale, noise of the current sensor, brakes that hold while the amplifiers are
+//! off. Left out: the amplifier's bandwidth, and whatever `explain` looks for.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use shared::board::{Board, DEFAULT_SAMPLES, Inputs, MID_SCALE, Telemetry};
+use shared::drive::Drive;
+use shared::plant::{PreparedPlant, State};
+use shared::protocol::{
+    BoardIdentity, BoardMessage, CurrentScale, Decoder, FrameError, Link as BoardLink, LinkCounters, MAX_FRAME,
+    PROTOCOL_VERSION, PackedSample, Reply, ResetCause, encode_board_message,
+};
+
+use super::{Link, LinkError};
+use crate::hidden_robot::HiddenRobot;
+use crate::random::Random;
+use crate::robot::Robot;
+
+/// Noise of the current sensor, A rms.
+const CURRENT_NOISE_A: f64 = 0.02;
+
+/// Longest step of the plant: four in a default loop period, so that the simulation is better than the models judged
+/// by it.
+const LONGEST_STEP_NS: u64 = 200_000;
+
+/// Most bytes waiting for the host; further telemetry is dropped, as a real board's buffer would.
+const OUTPUT_BYTES: usize = 1 << 16;
+
+/// A board with its robot, inside this process.
+pub struct SimulatedBoard {
+    board: Board<Vec<PackedSample>>,
+    hidden: HiddenRobot,
+    plant: PreparedPlant<f64>,
+    drives: [Drive<f64>; 2],
+    current_scale: [CurrentScale; 2],
+    command_delay_ns: u64,
+    state: State<f64>,
+    /// Current that flows, in A.
+    current_a: [f64; 2],
+    amplifiers_on: bool,
+    random: Random,
+    time_ns: u64,
+    from_host: Decoder,
+    to_host: VecDeque<u8>,
+    telemetry_dropped: u32,
+}
+
+impl SimulatedBoard {
+    /// A board whose robot is drawn from `seed` around the reference robot, with the drives of `robot`.
+    pub fn hidden(robot: &Robot, seed: u64) -> Self {
+        Self::new(robot, HiddenRobot::draw(robot, seed), seed)
+    }
+
+    /// A board whose robot is `hidden`, with the drives of `robot`; `seed` makes the noise. The arm rests at zero
+    /// angles: upper arm horizontal, forearm up.
+    pub fn new(robot: &Robot, hidden: HiddenRobot, seed: u64) -> Self {
+        let plant = hidden.plant(robot);
+        let identity = BoardIdentity {
+            firmware_version: firmware_version(),
+            git_revision: heapless::String::new(),
+            board: heapless::String::try_from("simulated").unwrap_or_default(),
+            chip_id: [0; 12],
+            chip_revision: 0,
+            reset_cause: ResetCause::Other,
+        };
+        let scale = |joint: usize| CurrentScale::symmetric(robot.joints[joint].current_full_scale_a);
+        Self {
+            board: Board::new(identity, vec![PackedSample::EMPTY; DEFAULT_SAMPLES]),
+            plant: plant.prepare(),
+            drives: plant.drives,
+            hidden,
+            current_scale: [scale(0), scale(1)],
+            command_delay_ns: (robot.command_delay_s * 1e9).round() as u64,
+            state: State::at_rest([0.0; 2]),
+            current_a: [0.0; 2],
+            amplifiers_on: false,
+            random: Random::new(seed, 2),
+            time_ns: 0,
+            from_host: Decoder::new(),
+            to_host: VecDeque::new(),
+            telemetry_dropped: 0,
+        }
+    }
+
+    /// The robot inside, to compare what was found with.
+    pub fn truth(&self) -> &HiddenRobot {
+        &self.hidden
+    }
+
+    /// One loop period: sample, decide, let the arm move.
+    fn tick(&mut self) {
+        let inputs = Inputs {
+            counts: std::array::from_fn(|joint| {
+                self.drives[joint].encoder_counts(self.state.position_rad[joint]) as i32
+            }),
+            current_code: std::array::from_fn(|joint| {
+                let measured_a = self.current_a[joint] + CURRENT_NOISE_A * self.random.normal();
+                let scale = &self.current_scale[joint];
+                let code = (measured_a - scale.adc_offset_a) / scale.adc_a_per_code + f64::from(MID_SCALE);
+                code.round().clamp(0.0, 4095.0) as u16
+            }),
+            emergency_stop: false,
+            deadline_missed: false,
+        };
+        let period_ns = u64::from(self.board.loop_period_ns());
+        let outputs = self.board.tick(&inputs);
+        if !outputs.amplifier_enable {
+            // The brakes engage when power goes, and hold at once.
+            self.amplifiers_on = false;
+            self.current_a = [0.0; 2];
+            self.state.velocity_rad_s = [0.0; 2];
+        } else {
+            let delay_ns = if self.amplifiers_on { self.command_delay_ns.min(period_ns) } else { 0 };
+            self.amplifiers_on = true;
+            self.advance(delay_ns);
+            self.current_a = std::array::from_fn(|joint| {
+                let limit = self.drives[joint].current_limit_a;
+                self.current_scale[joint].command_a(outputs.command_code[joint]).clamp(-limit, limit)
+            });
+            self.advance(period_ns - delay_ns);
+        }
+        self.time_ns += period_ns;
+        match outputs.telemetry {
+            Some(_) if self.to_host.len() >= OUTPUT_BYTES => self.telemetry_dropped += 1,
+            Some(Telemetry { movement, sample, .. }) => {
+                self.send_to_host(&BoardMessage::Telemetry { movement, sample });
+            }
+            None => {}
+        }
+        if let Some(event) = outputs.event {
+            self.send_to_host(&BoardMessage::Event(event));
+        }
+    }
+
+    /// Lets the arm move for `duration_ns` under the current that flows.
+    fn advance(&mut self, duration_ns: u64) {
+        let steps = duration_ns.div_ceil(LONGEST_STEP_NS);
+        let torque_nm = std::array::from_fn(|joint| self.drives[joint].motor_torque_nm(self.current_a[joint]));
+        for _ in 0..steps {
+            self.state = self.plant.step(&self.state, torque_nm, duration_ns as f64 * 1e-9 / steps as f64);
+        }
+    }
+
+    fn send_to_host(&mut self, message: &BoardMessage) {
+        let mut buffer = [0; MAX_FRAME];
+        // Every message of the protocol fits a frame; one that did not would be lost, as on a wire.
+        if let Ok(frame) = encode_board_message(message, &mut buffer) {
+            self.to_host.extend(frame);
+        }
+    }
+}
+
+/// The simulated firmware is this tool's own.
+fn firmware_version() -> heapless::String<16> {
+    heapless::String::try_from(env!("CARGO_PKG_VERSION")).unwrap_or_default()
+}
+
+impl Link for SimulatedBoard {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        for &byte in bytes {
+            let message = match self.from_host.host_message(byte) {
+                None => continue,
+                Some(Ok(message)) => message,
+                Some(Err(FrameError::Version { theirs, .. })) => {
+                    let firmware_version = firmware_version();
+                    let reply = Reply::WrongVersion { board: PROTOCOL_VERSION, host: theirs, firmware_version };
+                    self.send_to_host(&BoardMessage::Reply { sequence: 0, reply });
+                    continue;
+                }
+                // What is damaged is thrown away; the host repeats it.
+                Some(Err(_)) => continue,
+            };
+            let counters = self.from_host.counters();
+            self.board.report_link(
+                BoardLink::Usb,
+                LinkCounters {
+                    received: counters.received,
+                    bad_frames: counters.bad(),
+                    telemetry_dropped: self.telemetry_dropped,
+                    replies_dropped: 0,
+                },
+            );
+            let reply = self.board.handle(BoardLink::Usb, message.sequence, &message.request);
+            self.send_to_host(&BoardMessage::Reply { sequence: message.sequence, reply });
+        }
+        self.tick();
+        Ok(())
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError> {
+        let until_ns = self.time_ns.saturating_add(timeout.as_nanos().try_into().unwrap_or(u64::MAX));
+        while self.to_host.is_empty() && self.time_ns < until_ns {
+            self.tick();
+        }
+        let count = buffer.len().min(self.to_host.len());
+        for (slot, byte) in buffer.iter_mut().zip(self.to_host.drain(..count)) {
+            *slot = byte;
+        }
+        Ok(count)
+    }
+
+    fn now(&self) -> Duration {
+        Duration::from_nanos(self.time_ns)
+    }
+
+    fn name(&self) -> String {
+        "sim".into()
+    }
+}

@@ -1,0 +1,20 @@
+//! `armid`: the command line. Everything it does is in the library; here are arguments, tables and exit codes.
+#![forbid(unsafe_code)]
+#![expect(clippy::result_large_err, reason = "an error ends the command; none is on a path that is often taken")]
+
+mod command;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+
+fn main() -> ExitCode {
+    // clap itself ends with exit code 2 on wrong usage.
+    match command::run(command::Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}

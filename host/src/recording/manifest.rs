@@ -1,0 +1,172 @@
+//! The sidecar of a recording: how it was made.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use shared::control::PositionLoop;
+
+use crate::atomic;
+use crate::file_error::{FileError, Problem};
+use crate::robot::{Law, Robot};
+use crate::toml_text::TomlText;
+
+/// Which controller ran.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// The decentralised position loop.
+    P,
+    /// Computed-torque control.
+    Ctc,
+}
+
+impl std::fmt::Display for Mode {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(match self {
+            Self::P => "p",
+            Self::Ctc => "ctc",
+        })
+    }
+}
+
+/// How a recording was made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Which controller ran.
+    pub mode: Mode,
+    /// The robot's name.
+    #[serde(default)]
+    pub robot: String,
+    /// The movement, as given on the command line.
+    #[serde(default)]
+    pub trajectory: String,
+    /// Tool that wrote the recording, with its version.
+    #[serde(default)]
+    pub tool: String,
+    /// Firmware that ran the movement, with its version.
+    #[serde(default)]
+    pub firmware: String,
+    /// Time between two samples in s, if noted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub record_period_s: Option<f64>,
+    /// Time between two ticks of the loop in s, if noted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loop_period_s: Option<f64>,
+    /// Seed of a simulated robot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// Why the recording ends early, where it does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub partial: Option<String>,
+    /// The gains in force, joint by joint.
+    #[serde(default)]
+    pub joint: Vec<ManifestJoint>,
+}
+
+/// The gains of one joint's position loop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ManifestJoint {
+    /// The joint's name.
+    pub name: String,
+    /// A per count of tracking error.
+    pub position_gain_a_per_count: f64,
+    /// Lead β.
+    #[serde(default)]
+    pub lead: f64,
+}
+
+impl ManifestJoint {
+    /// The gains as a control law.
+    pub fn position_loop(&self) -> PositionLoop<f64> {
+        PositionLoop { gain_a_per_count: self.position_gain_a_per_count, lead: self.lead }
+    }
+}
+
+impl Manifest {
+    /// Reads a sidecar.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let text = TomlText::read(path)?;
+        let manifest: Self = text.parse()?;
+        for joint in &manifest.joint {
+            for (field, value) in [("position_gain_a_per_count", joint.position_gain_a_per_count), ("lead", joint.lead)]
+            {
+                if !(value.is_finite() && value >= 0.0) {
+                    let problem = Problem::Value {
+                        field: format!("{field} of joint \"{}\"", joint.name),
+                        value: value.to_string(),
+                        limit: "a finite number, 0 or above".into(),
+                    };
+                    return Err(text.error(
+                        None,
+                        problem,
+                        "correct the manifest, or remove it to use the robot file's gains",
+                    ));
+                }
+            }
+        }
+        Ok(manifest)
+    }
+
+    /// Accepts the manifest at `path` only if it names the robot file's periods, or none.
+    pub(super) fn check_periods(&self, path: &Path, robot: &Robot) -> Result<(), FileError> {
+        let periods = [
+            ("record_period_s", self.record_period_s, robot.record_period_s),
+            ("loop_period_s", self.loop_period_s, robot.loop_period_s),
+        ];
+        for (field, noted, expected) in periods {
+            if let Some(noted) = noted {
+                agree(path, field.into(), noted, expected, 1e-6)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Accepts the manifest at `path` only if the recording was made with the robot file's position loop.
+    pub(super) fn check_loop(&self, path: &Path, robot: &Robot) -> Result<(), FileError> {
+        self.check_periods(path, robot)?;
+        if self.mode != Mode::P {
+            return Err(FileError {
+                path: path.to_path_buf(),
+                line: None,
+                problem: Problem::Value { field: "mode".into(), value: self.mode.to_string(), limit: "p".into() },
+                remedy: "the error does not follow from the position loop; record with --mode p".into(),
+            });
+        }
+        for (noted, joint) in self.joint.iter().zip(&robot.joints) {
+            if let Law::Proportional(expected) = joint.law {
+                let field = |name: &str| format!("{name} of joint \"{}\"", joint.name);
+                // A calibrated gain may differ a little from the one that was set.
+                let gain = noted.position_gain_a_per_count;
+                agree(path, field("position_gain_a_per_count"), gain, expected.gain_a_per_count, 0.01)?;
+                if (noted.lead - expected.lead).abs() > 0.05 {
+                    agree(path, field("lead"), noted.lead, expected.lead, 0.0)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes a sidecar.
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        let text = toml::to_string(self).map_err(|error| FileError {
+            path: path.to_path_buf(),
+            line: None,
+            problem: Problem::Write(std::io::Error::other(error)),
+            remedy: "report this: a manifest can always be written".into(),
+        })?;
+        atomic::write(path, text.as_bytes())
+    }
+}
+
+/// Accepts a noted value only within `tolerance` of the robot file's, as a share of it.
+fn agree(path: &Path, field: String, noted: f64, expected: f64, tolerance: f64) -> Result<(), FileError> {
+    if (noted - expected).abs() <= tolerance * expected.abs() {
+        return Ok(());
+    }
+    Err(FileError {
+        path: path.to_path_buf(),
+        line: None,
+        problem: Problem::Value { field, value: noted.to_string(), limit: format!("{expected} as in the robot file") },
+        remedy: "use the robot file the recording was made with".into(),
+    })
+}

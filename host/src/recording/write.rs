@@ -1,0 +1,38 @@
+//! Writing a recording.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use super::{Recording, header};
+use crate::atomic;
+use crate::file_error::FileError;
+use crate::robot::Robot;
+
+pub(super) fn write(recording: &Recording, path: &Path, robot: &Robot) -> Result<(), FileError> {
+    if let Some(manifest) = &recording.manifest {
+        manifest.write(&Recording::manifest_path(path))?;
+    }
+    atomic::write(path, to_csv(recording, robot).as_bytes())
+}
+
+/// The file's text. Numbers are written with the fewest digits that read back the same.
+pub(super) fn to_csv(recording: &Recording, robot: &Robot) -> String {
+    let mut text = header(robot, recording.command_a.is_some(), recording.added_torque.is_some());
+    text.push('\n');
+    let groups = [
+        Some(&recording.reference_counts),
+        Some(&recording.error_counts),
+        Some(&recording.current_a),
+        recording.command_a.as_ref(),
+        recording.added_torque.as_ref(),
+    ];
+    for (sample, tick) in recording.tick.iter().enumerate() {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{tick}");
+        for column in groups.iter().flatten().flat_map(|group| group.iter()) {
+            let _ = write!(text, ",{}", column[sample]);
+        }
+        text.push('\n');
+    }
+    text
+}

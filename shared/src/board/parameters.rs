@@ -1,0 +1,154 @@
+//! Configuration and models: staged, checked, and swapped whole.
+
+use super::constants::Constants;
+use crate::protocol::{
+    Configuration, ConfigurationPart, Joint, JointConstants, LoopConstants, Model, ModelRange, ModelSlot, PartName,
+    Refusal,
+};
+use crate::trajectory::MotionLimits;
+
+/// A configuration that passed its check, with what follows from it.
+#[derive(Clone, Debug)]
+pub(super) struct Applied {
+    pub(super) configuration: Configuration,
+    pub(super) constants: Constants,
+    pub(super) crc: u32,
+    pub(super) robot_identity: u32,
+}
+
+impl Applied {
+    fn new(configuration: &Configuration) -> Result<Self, Refusal> {
+        configuration.check().map_err(Refusal::Configuration)?;
+        Ok(Self {
+            configuration: *configuration,
+            constants: Constants::new(configuration),
+            crc: configuration.crc(),
+            robot_identity: configuration.robot_identity(),
+        })
+    }
+}
+
+/// What a change of configuration makes invalid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Change {
+    /// It was the same.
+    Nothing,
+    /// Limits or gains: a trajectory has to be checked again.
+    Limits,
+    /// It is another robot: the pose is unknown too.
+    Robot,
+}
+
+/// The parts received so far.
+#[derive(Clone, Copy, Debug)]
+struct Parts {
+    second: Option<JointConstants>,
+    third: Option<JointConstants>,
+    common: Option<LoopConstants>,
+    motion_limits: Option<MotionLimits>,
+    model_range: Option<ModelRange>,
+}
+
+/// Configuration and models.
+#[derive(Clone, Debug)]
+pub(super) struct Parameters {
+    parts: Parts,
+    pub(super) applied: Option<Applied>,
+    staged: Option<Model>,
+    active: Option<Model>,
+    pub(super) revision: u32,
+}
+
+impl Parameters {
+    pub(super) const fn new() -> Self {
+        let parts = Parts { second: None, third: None, common: None, motion_limits: None, model_range: None };
+        Self { parts, applied: None, staged: None, active: None, revision: 0 }
+    }
+
+    /// Keeps a part until the configuration is applied; a part sent twice counts the last time.
+    pub(super) fn stage_part(&mut self, part: &ConfigurationPart) {
+        match *part {
+            ConfigurationPart::Joint(Joint::Second, constants) => self.parts.second = Some(constants),
+            ConfigurationPart::Joint(Joint::Third, constants) => self.parts.third = Some(constants),
+            ConfigurationPart::Common(common) => self.parts.common = Some(common),
+            ConfigurationPart::MotionLimits(limits) => self.parts.motion_limits = Some(limits),
+            ConfigurationPart::ModelRange(range) => self.parts.model_range = Some(range),
+        }
+    }
+
+    /// Applies the staged parts, if they are all there, are those meant, and are acceptable.
+    pub(super) fn apply_parts(&mut self, crc: u32) -> Result<Change, Refusal> {
+        let missing = |part| Refusal::MissingPart { part };
+        let parts = &self.parts;
+        let configuration = Configuration {
+            joints: [
+                parts.second.ok_or(missing(PartName::Joint(Joint::Second)))?,
+                parts.third.ok_or(missing(PartName::Joint(Joint::Third)))?,
+            ],
+            common: parts.common.ok_or(missing(PartName::Common))?,
+            motion_limits: parts.motion_limits.ok_or(missing(PartName::MotionLimits))?,
+            model_range: parts.model_range.ok_or(missing(PartName::ModelRange))?,
+        };
+        let board = configuration.crc();
+        if board != crc {
+            return Err(Refusal::CrcMismatch { host: crc, board });
+        }
+        self.apply(&configuration)
+    }
+
+    /// Applies a configuration; models it no longer allows are forgotten.
+    pub(super) fn apply(&mut self, configuration: &Configuration) -> Result<Change, Refusal> {
+        let new = Applied::new(configuration)?;
+        let change = match &self.applied {
+            Some(old) if old.crc == new.crc => return Ok(Change::Nothing),
+            Some(old) if old.robot_identity == new.robot_identity => Change::Limits,
+            _ => Change::Robot,
+        };
+        let allowed = |model: &Model| model.check(new.robot_identity, &new.configuration.model_range).is_ok();
+        self.staged = self.staged.filter(allowed);
+        self.active = self.active.filter(allowed);
+        self.applied = Some(new);
+        self.revision = self.revision.wrapping_add(1);
+        Ok(change)
+    }
+
+    /// What is applied, or the refusal where nothing is.
+    pub(super) fn applied(&self) -> Result<&Applied, Refusal> {
+        self.applied.as_ref().ok_or(Refusal::NotConfigured)
+    }
+
+    /// First phase: keeps a model beside the active one, if it arrived as it was sent and is acceptable.
+    pub(super) fn stage_model(&mut self, model: &Model, crc: u32) -> Result<(), Refusal> {
+        let applied = self.applied()?;
+        let board = model.crc();
+        if board != crc {
+            return Err(Refusal::CrcMismatch { host: crc, board });
+        }
+        model.check(applied.robot_identity, &applied.configuration.model_range).map_err(Refusal::Model)?;
+        self.staged = Some(*model);
+        Ok(())
+    }
+
+    /// Second phase: the staged model becomes the active one, in one assignment. It also stays staged, so a commit
+    /// that is repeated has the same effect.
+    pub(super) fn commit_model(&mut self, crc: u32) -> Result<(), Refusal> {
+        let staged = self.staged.ok_or(Refusal::NoModel)?;
+        let board = staged.crc();
+        if board != crc {
+            return Err(Refusal::CrcMismatch { host: crc, board });
+        }
+        if self.active != Some(staged) {
+            self.active = Some(staged);
+            self.revision = self.revision.wrapping_add(1);
+        }
+        Ok(())
+    }
+
+    /// The model in a slot.
+    pub(super) fn model(&self, slot: ModelSlot) -> Option<&Model> {
+        match slot {
+            ModelSlot::Staged => self.staged.as_ref(),
+            ModelSlot::Active => self.active.as_ref(),
+        }
+    }
+}

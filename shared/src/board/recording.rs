@@ -1,0 +1,84 @@
+//! The recording in RAM.
+
+use crate::protocol::{EndedBy, LimitsActive, PackedSample, ROWS_PER_FRAME, RecordingInfo, RecordingRows, Sample};
+use heapless::Vec;
+
+/// How many references are kept in full, evenly over the recording, so that any row is read without unpacking all
+/// before it.
+const CHECKPOINTS: usize = 256;
+
+/// The rows of the last movement.
+#[derive(Clone, Debug)]
+pub(super) struct Recording<R> {
+    rows: R,
+    info: RecordingInfo,
+    /// References of rows 0, stride, 2·stride …
+    checkpoints: [[i32; 2]; CHECKPOINTS],
+    stride: usize,
+}
+
+impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Recording<R> {
+    pub(super) fn new(rows: R) -> Self {
+        let stride = rows.as_ref().len().div_ceil(CHECKPOINTS).max(1);
+        Self { rows, info: RecordingInfo::default(), checkpoints: [[0; 2]; CHECKPOINTS], stride }
+    }
+
+    /// How many rows fit.
+    pub(super) fn capacity(&self) -> u32 {
+        self.rows.as_ref().len().try_into().unwrap_or(u32::MAX)
+    }
+
+    pub(super) fn info(&self) -> RecordingInfo {
+        self.info
+    }
+
+    /// Forgets the last movement and begins the next.
+    pub(super) fn begin(&mut self, planned_rows: u32, configuration_crc: u32, model_crc: Option<u32>) {
+        let movement = self.info.movement.wrapping_add(1);
+        self.info = RecordingInfo { movement, planned_rows, configuration_crc, model_crc, ..RecordingInfo::default() };
+    }
+
+    /// Adds the next row, whose index is the number of rows so far. A row beyond the room is dropped; a movement of
+    /// too many rows is refused before it runs, so there is none.
+    pub(super) fn push(&mut self, sample: &Sample) {
+        let index = self.info.rows as usize;
+        if let Some(place) = self.rows.as_mut().get_mut(index) {
+            *place = PackedSample::pack(sample);
+            self.info.rows += 1;
+            if index.is_multiple_of(self.stride)
+                && let Some(checkpoint) = self.checkpoints.get_mut(index / self.stride)
+            {
+                *checkpoint = sample.reference_counts;
+            }
+        }
+    }
+
+    /// Adds limits that acted during this movement.
+    pub(super) fn note_limits(&mut self, limits: LimitsActive) {
+        self.info.limits_active.merge(limits);
+    }
+
+    /// Ends the movement, if it has not ended yet.
+    pub(super) fn end(&mut self, how: EndedBy) {
+        if self.info.movement != 0 && self.info.ended.is_none() {
+            self.info.ended = Some(how);
+        }
+    }
+
+    /// Rows from `from` on, at most `count` and at most a frame of them. Takes at most `stride` unpackings more.
+    pub(super) fn read(&self, from: u32, count: u16) -> RecordingRows {
+        let mut answer =
+            RecordingRows { movement: self.info.movement, from, first_reference_counts: [0; 2], rows: Vec::new() };
+        let recorded = self.rows.as_ref().get(..self.info.rows as usize).unwrap_or(&[]);
+        let first = from as usize;
+        let checkpoint = first / self.stride;
+        let (Some(wanted), Some(&near)) = (recorded.get(first..), self.checkpoints.get(checkpoint)) else {
+            return answer;
+        };
+        let count = usize::from(count).min(ROWS_PER_FRAME).min(wanted.len());
+        answer.rows.extend(wanted.iter().copied().take(count));
+        let up_to_first = recorded.get(checkpoint * self.stride..=first).unwrap_or(&[]);
+        answer.first_reference_counts = up_to_first.iter().fold(near, |near, row| row.unpack(0, near).reference_counts);
+        answer
+    }
+}

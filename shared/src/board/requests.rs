@@ -1,0 +1,244 @@
+//! What the board does with each request.
+
+use super::motion::Start;
+use super::{Board, LONGEST_SETTLE_NS};
+use crate::protocol::{
+    ControlLaw, EndedBy, Info, Joint, Link, Mode, ModelSlot, PROTOCOL_VERSION, PackedSample, Refusal, Reply, Request,
+    Status, TrajectoryPart,
+};
+use crate::trajectory::Approach;
+
+/// Largest declared position in counts, so that there is room on both sides in 32 bits.
+const LARGEST_POSITION_COUNTS: f64 = 1.0e9;
+
+impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
+    /// Carries out one request that came over `link`. Bounded time, no panic. The reply goes back over the same link
+    /// with the request's sequence number.
+    ///
+    /// A request with the number of the link's last one is not carried out again, but answered as before; an older
+    /// one, or one before [`Request::Hello`], is refused. Every request that gets here keeps the link alive.
+    pub fn handle(&mut self, link: Link, sequence: u32, request: &Request) -> Reply {
+        self.motion.heard(link);
+        if let &Request::Hello { protocol_version } = request {
+            return self.hello(link, sequence, protocol_version);
+        }
+        if let Some(reply) = self.session(link).reply_without_doing(sequence) {
+            return reply;
+        }
+        let reply = self.carry_out(link, request).unwrap_or_else(Reply::Refused);
+        self.session(link).answered(sequence, &reply);
+        reply
+    }
+
+    fn session(&mut self, link: Link) -> &mut super::Session {
+        let [usb, serial] = &mut self.sessions;
+        match link {
+            Link::Usb => usb,
+            Link::Serial => serial,
+        }
+    }
+
+    /// Answers afresh every time: it changes nothing but the link's own number.
+    fn hello(&mut self, link: Link, sequence: u32, host: u8) -> Reply {
+        if host != PROTOCOL_VERSION {
+            self.session(link).close();
+            let firmware_version = self.identity.firmware_version.clone();
+            return Reply::WrongVersion { board: PROTOCOL_VERSION, host, firmware_version };
+        }
+        let reply = Reply::Info(self.info());
+        self.session(link).answered(sequence, &reply);
+        reply
+    }
+
+    fn info(&self) -> Info {
+        Info {
+            protocol_version: PROTOCOL_VERSION,
+            identity: self.identity.clone(),
+            recording_capacity: self.recording.capacity(),
+            knot_capacity: crate::trajectory::MAX_POINTS as u16,
+            robot_identity: self.parameters.applied.as_ref().map(|applied| applied.robot_identity),
+            last_fault: self.motion.last_fault(),
+            timing: self.timing,
+            links: self.links,
+        }
+    }
+
+    fn carry_out(&mut self, link: Link, request: &Request) -> Result<Reply, Refusal> {
+        match request {
+            Request::Hello { .. } | Request::KeepAlive => Ok(Reply::Done),
+            Request::Status => Ok(Reply::Status(self.status())),
+            Request::Configure(part) => {
+                self.only_idle()?;
+                self.parameters.stage_part(part);
+                Ok(Reply::Done)
+            }
+            &Request::ApplyConfiguration { crc } => {
+                self.only_idle()?;
+                let change = self.parameters.apply_parts(crc)?;
+                self.configuration_changed(change);
+                Ok(Reply::Done)
+            }
+            &Request::SetPosition { position_rad } => self.set_position(position_rad),
+            Request::Arm => self.arm(),
+            Request::Disarm => {
+                self.recording.end(EndedBy::Stopped);
+                // A fault is not forgotten by disarming.
+                if self.mode().is_powered() {
+                    self.motion.switch_off();
+                }
+                Ok(Reply::Done)
+            }
+            Request::LoadTrajectory(part) => self.load_trajectory(part),
+            Request::ReadTrajectory => Ok(Reply::Trajectory(self.trajectories.state())),
+            &Request::Run { law, stream, settle_ns } => self.run(link, law, stream, settle_ns),
+            Request::Stop => {
+                if let Some(applied) = &self.parameters.applied {
+                    self.motion.stop(self.encoders.position_counts(), &applied.constants);
+                    self.recording.end(EndedBy::Stopped);
+                }
+                Ok(Reply::Done)
+            }
+            Request::RecordingInfo => Ok(Reply::Recording(self.recording.info())),
+            &Request::ReadRecording { from, count } => Ok(Reply::Rows(self.recording.read(from, count))),
+            Request::StageModel { model, crc } => {
+                self.parameters.stage_model(model, *crc)?;
+                Ok(self.model(ModelSlot::Staged))
+            }
+            &Request::CommitModel { crc } => {
+                if self.mode().law() == Some(ControlLaw::ComputedTorque) {
+                    return Err(self.wrong_mode());
+                }
+                self.parameters.commit_model(crc)?;
+                Ok(self.model(ModelSlot::Active))
+            }
+            &Request::ReadModel(slot) => Ok(self.model(slot)),
+            Request::ClearFault => {
+                if self.emergency_stop {
+                    return Err(Refusal::EmergencyStop);
+                }
+                if matches!(self.mode(), Mode::Fault(_)) {
+                    self.motion.switch_off();
+                }
+                Ok(Reply::Done)
+            }
+        }
+    }
+
+    fn wrong_mode(&self) -> Refusal {
+        Refusal::WrongMode { mode: self.mode() }
+    }
+
+    fn only_idle(&self) -> Result<(), Refusal> {
+        if self.mode() == Mode::Idle { Ok(()) } else { Err(self.wrong_mode()) }
+    }
+
+    fn status(&self) -> Status {
+        let applied = self.parameters.applied.as_ref();
+        let measured = |index: usize| {
+            let joint = applied.and_then(|applied| applied.constants.joints.get(index));
+            joint.zip(self.current_code.get(index)).map_or(0.0, |(joint, &code)| joint.measured_a(code))
+        };
+        Status {
+            mode: self.mode(),
+            tick: self.tick,
+            position_counts: self.encoders.position_counts(),
+            pose_known: self.encoders.pose_known(),
+            current_a: [measured(0), measured(1)],
+            emergency_stop: self.emergency_stop,
+            limits_active: self.motion.limits(),
+            configuration_crc: applied.map(|applied| applied.crc),
+            active_model_crc: self.parameters.model(ModelSlot::Active).map(|model| model.crc()),
+            staged_model_crc: self.parameters.model(ModelSlot::Staged).map(|model| model.crc()),
+            trajectory: self.trajectories.state().phase(),
+            recording: self.recording.info(),
+        }
+    }
+
+    fn model(&self, slot: ModelSlot) -> Reply {
+        let model = self.parameters.model(slot).copied();
+        Reply::Model { slot, model, crc: model.map_or(0, |model| model.crc()) }
+    }
+
+    fn set_position(&mut self, position_rad: [f64; 2]) -> Result<Reply, Refusal> {
+        self.only_idle()?;
+        let joints = &self.parameters.applied()?.configuration.joints;
+        let mut position_counts = [0; 2];
+        for (((joint, constants), value), counts) in
+            Joint::ALL.into_iter().zip(joints).zip(position_rad).zip(&mut position_counts)
+        {
+            let exact = value * constants.counts_per_rad();
+            if exact.is_nan() || exact.abs() > LARGEST_POSITION_COUNTS {
+                return Err(Refusal::BadPosition { joint, value });
+            }
+            // The cast truncates toward zero: the paper's fix().
+            *counts = exact as i32;
+        }
+        self.encoders.declare(position_counts);
+        Ok(Reply::Done)
+    }
+
+    fn arm(&mut self) -> Result<Reply, Refusal> {
+        self.only_idle()?;
+        self.parameters.applied()?;
+        if self.emergency_stop {
+            return Err(Refusal::EmergencyStop);
+        }
+        if !self.encoders.pose_known() {
+            return Err(Refusal::PoseUnknown);
+        }
+        self.motion.arm(self.encoders.position_counts());
+        Ok(Reply::Done)
+    }
+
+    fn load_trajectory(&mut self, part: &TrajectoryPart) -> Result<Reply, Refusal> {
+        let of_points = matches!(part, TrajectoryPart::BeginPoints { .. } | TrajectoryPart::Points { .. });
+        let mode = self.mode();
+        // Solving for a spline takes several loop periods, so it is not done while a loop is closed.
+        if mode.is_moving() || of_points && mode.is_powered() {
+            return Err(self.wrong_mode());
+        }
+        let capacity = self.recording.capacity();
+        let constants = &self.parameters.applied.as_ref().ok_or(Refusal::NotConfigured)?.constants;
+        self.trajectories.load(part, constants, capacity)?;
+        Ok(Reply::Trajectory(self.trajectories.state()))
+    }
+
+    fn run(&mut self, link: Link, law: ControlLaw, stream: bool, settle_ns: u64) -> Result<Reply, Refusal> {
+        if !matches!(self.mode(), Mode::Armed | Mode::Holding(_)) {
+            return Err(self.wrong_mode());
+        }
+        if settle_ns > LONGEST_SETTLE_NS {
+            return Err(Refusal::SettleTooLong { settle_ns, limit_ns: LONGEST_SETTLE_NS });
+        }
+        let applied = self.parameters.applied()?;
+        let constants = &applied.constants;
+        let (trajectory, rows) = self.trajectories.accepted().ok_or(Refusal::NoTrajectory)?;
+        let position_counts = self.encoders.position_counts();
+        // Each law starts from where it stands still: the position loop from its reference, with the error that
+        // carries the arm's weight; computed torque, which has no such error, from where the arm is.
+        let (from_counts, model) = match law {
+            ControlLaw::Position => (self.motion.holding_counts(position_counts, constants), None),
+            ControlLaw::ComputedTorque => {
+                (position_counts, Some(self.parameters.model(ModelSlot::Active).ok_or(Refusal::NoModel)?))
+            }
+        };
+        let [first, second] = &constants.joints;
+        let [a, b] = from_counts;
+        let from_rad = [first.position_rad(a), second.position_rad(b)];
+        let approach = Approach::new(
+            from_rad,
+            trajectory.start_rad(),
+            &constants.motion_limits,
+            constants.counts_per_rad(),
+            constants.record_period_ns,
+        )
+        .map_err(Refusal::Limit)?;
+        let computed_torque = model.map(|model| constants.computed_torque(model, from_rad));
+        let approach_ns = approach.duration_ns().saturating_add(settle_ns);
+        let (configuration_crc, model_crc) = (applied.crc, model.map(|model| model.crc()));
+        self.recording.begin(rows, configuration_crc, model_crc);
+        self.stream = stream.then_some(link);
+        self.motion.start(Start { law, computed_torque, approach, settle_ns, rows, commander: link });
+        Ok(Reply::Started { movement: self.recording.info().movement, approach_ns, rows })
+    }
+}

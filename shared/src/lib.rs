@@ -1,0 +1,24 @@
+//! What is true of the arm, whoever computes it: the same code runs on the board, in the simulated board and in the
+//! host's identification.
+//!
+//! ```text
+//! scalar ── arm ── drive ── plant ── replay       the arm, and a model arm repeating a recording
+//!    └──── trajectory ── control ── board         references, control laws, the whole board as a state machine
+//!                protocol ──┘                     what travels between board and host
+//! genetic                                         the genetic algorithm, for any objective
+//! ```
+//!
+//! Nothing here allocates, panics on data, or touches hardware.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod arm;
+pub mod board;
+pub mod control;
+pub mod drive;
+pub mod genetic;
+pub mod plant;
+pub mod protocol;
+pub mod replay;
+pub mod scalar;
+pub mod trajectory;
