@@ -14,7 +14,8 @@
 //! | PD8, PD9 | – | serial link through the ST-LINK (USART3) |
 //! | PA11, PA12 | – | kept for USB |
 //!
-//! PA1 also carries the 50 MHz reference clock of the board's Ethernet chip until solder bridge SB13 is opened.
+//! PA1 also carries the 50 MHz reference clock of the Ethernet chip on the Nucleo board, until the solder bridge between
+//! them is opened (SB13 on the boards of 2016; check the manual of yours).
 #![no_std]
 #![no_main]
 

@@ -60,6 +60,8 @@ fn defmt_panic() -> ! {
 
 /// The hard fault handler. It gets a fresh stack before anything else: after a stack overflow the first push would
 /// be a fault in the fault handler, which locks the core up with the outputs as they were.
+// SAFETY: the body sets up the stack it then uses and ends in a function that never returns, so the convention of its
+// caller, the exception entry, does not matter; the name is the one that the vector table of cortex-m-rt looks up.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 extern "C" fn HardFault() -> ! {

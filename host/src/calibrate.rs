@@ -6,7 +6,7 @@
 //! two samples.
 //!
 //! The residual is mostly the converters' rounding, which repeats while the error dwells on a count; the standard errors
-//! take correlation over [`CORRELATED_SAMPLES`] into account (Newey & West 1987).
+//! take correlation over 100 samples into account (Newey & West 1987).
 //!
 //! Left out: the amplifier's bandwidth.
 

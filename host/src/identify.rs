@@ -30,7 +30,7 @@ use crate::robot::{Kind, Robot};
 use stages::Run;
 
 /// A standard error above this share of its search range means that the data do not determine the parameter.
-const IDENTIFIABLE_SHARE: f64 = 0.01;
+const IDENTIFIABLE_SHARE: f64 = 0.005;
 
 /// How f1..f9 are sought.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -185,7 +185,7 @@ pub fn identify(
     }
     let rms_counts = experiment.closed_loop_rms_counts(&values);
     let worst = rms_counts.iter().copied().fold(0.0, f64::max);
-    if options.method == Method::Full && !(worst < largest_error(&experiment)) {
+    if options.method == Method::Full && (worst.is_nan() || worst >= largest_error(&experiment)) {
         return Err(IdentifyError::NothingFits { rms_counts: worst });
     }
     let (mut held_out_rms_counts, mut held_out_innovation_rms_counts) = (Vec::new(), Vec::new());
@@ -198,7 +198,7 @@ pub fn identify(
         .standard_errors
         .iter()
         .flat_map(|errors| free.iter().zip(errors))
-        .filter(|&(&parameter, &error)| !(error < identifiable_below(robot, &values, parameter)))
+        .filter(|&(&parameter, &error)| error.is_nan() || error >= identifiable_below(robot, &values, parameter))
         .map(|(&parameter, _)| parameter)
         .collect();
     Ok(Identification {

@@ -1,8 +1,12 @@
 //! The command line: results, messages and exit codes, one bad input at a time.
 
+use std::io::{Read as _, Write as _};
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::time::Duration;
 
+use armid::link::{Link as _, SimulatedBoard};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -272,6 +276,45 @@ fn record_writes_recording_and_manifest_and_prints_the_margins() {
     assert_eq!(manifest.seed, Some(9));
     assert_eq!(manifest.joint[1].position_gain_a_per_count, 0.048);
     assert_eq!(manifest.partial, None);
+}
+
+/// Serves one host with a simulated board, and goes away after having sent `bytes`. Half a second of virtual time
+/// passes with every request, so how fast the machine is does not matter.
+fn board_that_goes_away_after(bytes: usize) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    std::thread::spawn(move || {
+        let mut board = SimulatedBoard::hidden(&armid::robot::Robot::paper(), 1);
+        let (mut stream, _) = listener.accept().unwrap();
+        let (mut buffer, mut sent) = ([0; 512], 0);
+        while let Ok(count @ 1..) = stream.read(&mut buffer) {
+            board.send(&buffer[..count]).unwrap();
+            let until = board.now() + Duration::from_millis(500);
+            while board.now() < until && sent < bytes {
+                let count = board.receive(&mut buffer, until - board.now()).unwrap();
+                stream.write_all(&buffer[..count]).unwrap();
+                sent += count;
+            }
+            if sent >= bytes {
+                return;
+            }
+        }
+    });
+    address
+}
+
+#[test]
+fn what_was_recorded_before_the_board_went_away_is_kept_and_marked() {
+    let bench = Bench::new();
+    let address = board_that_goes_away_after(60_000);
+    let output = bench.run(&format!("record --board tcp:{address} --pose 0,0 --settle 0.2 --out part.csv"));
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(UNREACHABLE), "{stderr}");
+    assert!(stderr.contains("did not come to its end") && stderr.contains("broke"), "{stderr}");
+    let robot = armid::robot::Robot::paper();
+    let part = armid::recording::Recording::read(&bench.path("part.csv"), &robot, Default::default()).unwrap();
+    assert!((500..5000).contains(&part.samples()), "{} samples", part.samples());
+    assert!(part.manifest.unwrap().partial.unwrap().contains("broke"));
 }
 
 #[test]

@@ -352,7 +352,7 @@ proptest! {
 
     #[test]
     fn check_of_the_inertia_matrix_agrees_with_a_scan_of_every_q3(
-        // A little beyond the search range, so that about half are refused.
+        // A little beyond the search range: every sixth set is refused.
         share in prop::array::uniform9(-0.1..1.1),
     ) {
         let f: [f64; PARAMETERS] =

@@ -234,7 +234,8 @@ proptest! {
         (friction, more) in (1e-4..0.1_f64, 1.0..5.0_f64),
     ) {
         let sampled = loop_of(PERIOD_S, late, lead, friction);
-        let limit = sampled.stability_limit().nm_per_count() * (1.0 - 1e-9);
+        // The damping formula is of first order in friction; what is left is of the order friction²/10.
+        let limit = sampled.stability_limit().nm_per_count() * (1.0 - 1e-3);
         let inertia = more * sampled.least_motor_inertia_kg_m2;
         let heavier = SampledLoop { least_motor_inertia_kg_m2: inertia, ..sampled };
         prop_assert!(heavier.stability_limit().nm_per_count() >= limit);
@@ -268,6 +269,14 @@ fn refusal_names_the_gain_the_limit_its_cause_and_a_remedy() {
     }
     let with_lead = sampled_loops(2.0)[0].check_gain(50.0).unwrap_err();
     assert_eq!(with_lead.cause, StabilityLimit::LeadBandwidth(0.0).cause());
+}
+
+#[test]
+fn cause_is_the_lead_only_where_friction_alone_would_allow_far_more() {
+    // Leads of 0, just under and well over what pays for half a period of delay.
+    let cause = |lead| loop_of(PERIOD_S, 0.0, lead, 1e-3).stability_limit().cause();
+    let [friction, bandwidth] = [StabilityLimit::Damping(0.0), StabilityLimit::LeadBandwidth(0.0)].map(|l| l.cause());
+    assert_eq!([0.0, 0.45, 0.5, 2.0].map(cause), [friction, friction, bandwidth, bandwidth]);
 }
 
 #[test]

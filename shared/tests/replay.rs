@@ -210,6 +210,18 @@ fn emulation_of_a_fast_loop_is_of_second_order_and_good_to_a_tenth_of_a_count() 
 }
 
 #[test]
+fn emulation_of_a_fast_loop_starts_without_a_swing_of_its_own() {
+    let recording = record(Robot::new(plant(), laws(PAPER_GAINS, 0.0), false, FAST_PERIOD_S));
+    let settings = settings(FAST_PERIOD_S, DELAY_S, false, 1);
+    let columns = differences(&recording, &plant(), laws(PAPER_GAINS, 0.0), &settings);
+    for column in &columns {
+        // The emulation's wrong frequency tells after many periods only: the first two are a fiftieth of the movement.
+        let (first, all) = (rms(&column[..100]), rms(column));
+        assert!(first < all / 5.0, "{first} of {all}");
+    }
+}
+
+#[test]
 fn emulation_of_a_fast_loop_takes_lead_as_an_advance_in_time() {
     for (loop_period_s, lead) in [(3.5e-4, 2.0), (1e-4, 1.0)] {
         let recording = record(Robot::new(plant(), laws(PAPER_GAINS, lead), false, loop_period_s));

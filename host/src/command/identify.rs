@@ -152,7 +152,7 @@ fn report(robot: &Robot, found: &Identification) -> String {
     for &parameter in &found.free {
         let value = found.values.get(parameter);
         let (error, relative) = match found.standard_error(parameter) {
-            Some(error) => (format!("{error:.3e}"), format!("{:.2} %", 100.0 * (error / value).abs())),
+            Some(error) => (format!("{error:.3e}"), format!("{:.3} %", 100.0 * (error / value).abs())),
             None => ("–".into(), String::new()),
         };
         let verdict =
@@ -161,8 +161,9 @@ fn report(robot: &Robot, found: &Identification) -> String {
         lines.push(format!("{name:<22} {value:>14.6} {error:>14}  {relative:>8} {verdict}").trim_end().to_string());
     }
     let list = |values: &[f64]| values.iter().map(|value| format!("{value:.3}")).collect::<Vec<_>>().join(" / ");
+    let rounding = if robot.quantised { " (rounding alone: 0.29)" } else { "" };
     lines.push(format!(
-        "closed-loop difference {} counts rms (Y = {:.0} counts²); innovations {} counts rms, of which rounding 0.29",
+        "closed-loop difference {} counts rms (Y = {:.0} counts²); innovations {} counts rms{rounding}",
         list(&found.rms_counts),
         found.objective_counts2,
         list(&found.innovation_rms_counts)

@@ -13,10 +13,12 @@ use super::common::{
 };
 use super::run::{Ran, Run};
 
+const IF_THE_LINK_BREAKS: &str = "Should this tool end or the cable be pulled during a movement, the board switches off \
+    within a second; what was received is written and marked as partial in the manifest.";
+
 /// Arguments of `record`.
-///
-/// Should this tool end or the cable be pulled during a movement, the board stops the arm within a second.
 #[derive(Debug, Args)]
+#[command(after_help = IF_THE_LINK_BREAKS)]
 pub struct Record {
     #[command(flatten)]
     robot: RobotArguments,

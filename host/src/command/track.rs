@@ -14,12 +14,13 @@ use super::common::{
 };
 use super::run::Run;
 
+const WITHIN_ONE_COUNT: &str = "\"Within ±1 count\" (within_one_count in JSON) is the percentage of samples whose \
+    recorded error is −1, 0 or 1. The recorded error is the reference less the actual count, both truncated toward zero: \
+    an integer.";
+
 /// Arguments of `track`.
-///
-/// "Within ±1 count" is the percentage of samples whose recorded error is −1, 0 or 1. The recorded error is the
-/// reference less the actual count, both truncated toward zero, so it is an integer.
 #[derive(Debug, Args)]
-#[command(verbatim_doc_comment)]
+#[command(after_help = WITHIN_ONE_COUNT)]
 pub struct Track {
     #[command(flatten)]
     robot: RobotArguments,

@@ -1,11 +1,12 @@
 //! Recordings made ready for simulation, and the two residuals every stage works with.
 
 use shared::control::{Cascade, Law, LawState, PositionLaw, SampledTiming};
-use shared::drive::centre_of_count;
+use shared::drive::{centre_of_count, mean_count};
 use shared::plant::State;
 use shared::replay::{ClosedLoop, ClosedLoopTick, Innovations, RecordedSample, ReplaySettings};
 
 use super::IdentifyError;
+use super::low_pass::low_pass;
 use super::parameters::Values;
 use crate::recording::Recording;
 use crate::robot::{self, Robot};
@@ -15,6 +16,9 @@ const INNOVATION_SUBSTEPS: u32 = 4;
 
 /// The longest integration step of a closed loop that is judged or fitted finely.
 const FINE_STEP_S: f64 = 5e-5;
+
+/// No reference that an arm can follow has anything above this; the rounding of its samples has.
+const REFERENCE_CUTOFF_HZ: f64 = 40.0;
 
 /// How finely the closed loop is integrated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +41,9 @@ const SHORTEST_SEGMENT_S: f64 = 0.35;
 pub struct Segment {
     /// Reference in counts, one pair a sample; the second joint of a single axis is zero throughout.
     pub reference_counts: Vec<[f64; 2]>,
+    /// The reference as the model's loop takes it: the recorded one where the loop runs once a sample. A faster loop
+    /// sees the reference between the samples too, so there it is freed from the rounding of its samples.
+    model_reference_counts: Vec<[f64; 2]>,
     /// Recorded tracking error in counts.
     pub error_counts: Vec<[f64; 2]>,
     /// Motor position in counts: middle of the cell of the truncated count.
@@ -46,6 +53,14 @@ pub struct Segment {
     /// Known motor torque beside the command in N m.
     pub added_torque_nm: Vec<[f64; 2]>,
     start: State<f64>,
+}
+
+impl Segment {
+    /// Recorded minus modelled tracking error in counts at sample `k`: what the model's motor is ahead of the robot's.
+    fn difference(&self, k: usize, joint: usize, tick: &ClosedLoopTick<f64>) -> f64 {
+        let model_counts = self.model_reference_counts[k][joint] - tick.error_counts[joint];
+        model_counts - (self.reference_counts[k][joint] - self.error_counts[k][joint])
+    }
 }
 
 /// A robot, the recordings made on it, and how a model repeats them.
@@ -107,9 +122,7 @@ impl<'a> Experiment<'a> {
                 reference_counts
                     .iter()
                     .zip(&actual)
-                    .map(|(r, a)| {
-                        [states[0].command_a(r[0], a[0]), states[1].command_a(r[1], a[1])]
-                    })
+                    .map(|(r, a)| [states[0].command_a(r[0], a[0]), states[1].command_a(r[1], a[1])])
                     .collect()
             }
         };
@@ -122,7 +135,27 @@ impl<'a> Experiment<'a> {
             None => vec![[0.0; 2]; reference_counts.len()],
         };
         let start = self.start(&measured_counts);
-        Segment { reference_counts, error_counts, measured_counts, command_a, added_torque_nm, start }
+        let model_reference_counts = self.model_reference(&reference_counts);
+        Segment {
+            reference_counts,
+            model_reference_counts,
+            error_counts,
+            measured_counts,
+            command_a,
+            added_torque_nm,
+            start,
+        }
+    }
+
+    fn model_reference(&self, reference_counts: &[[f64; 2]]) -> Vec<[f64; 2]> {
+        if !(self.robot.quantised && self.timing.loop_is_faster_than_recording()) {
+            return reference_counts.to_vec();
+        }
+        let smooth: [Vec<f64>; 2] = std::array::from_fn(|joint| {
+            let centres: Vec<f64> = reference_counts.iter().map(|pair| centre_of_count(pair[joint])).collect();
+            low_pass(&centres, self.robot.record_period_s, REFERENCE_CUTOFF_HZ)
+        });
+        (0..reference_counts.len()).map(|k| [mean_count(smooth[0][k]), mean_count(smooth[1][k])]).collect()
     }
 
     fn torque_constant(&self, joint: usize) -> f64 {
@@ -189,7 +222,7 @@ impl<'a> Experiment<'a> {
         let plant = values.plant(self.robot);
         let settings = self.settings(self.closed_loop_substeps(fineness));
         let mut model = ClosedLoop::new(&plant, self.laws(segment), &settings, segment.start);
-        segment.reference_counts.iter().zip(&segment.added_torque_nm).map(|(&r, &t)| model.tick(r, t)).collect()
+        segment.model_reference_counts.iter().zip(&segment.added_torque_nm).map(|(&r, &t)| model.tick(r, t)).collect()
     }
 
     /// The paper's objective Y on all segments: the sum of squared differences between the recorded and the model's
@@ -201,9 +234,9 @@ impl<'a> Experiment<'a> {
         for segment in &self.segments {
             let mut model = ClosedLoop::new(&plant, self.laws(segment), &settings, segment.start);
             for k in 0..segment.error_counts.len() {
-                let tick = model.tick(segment.reference_counts[k], segment.added_torque_nm[k]);
+                let tick = model.tick(segment.model_reference_counts[k], segment.added_torque_nm[k]);
                 for joint in 0..self.robot.joints.len() {
-                    let difference = segment.error_counts[k][joint] - tick.error_counts[joint];
+                    let difference = segment.difference(k, joint, &tick);
                     sum += difference * difference;
                 }
             }
@@ -215,9 +248,8 @@ impl<'a> Experiment<'a> {
     pub fn closed_loop_differences(&self, values: &Values, fineness: Fineness) -> Vec<[Vec<f64>; 2]> {
         let difference = |segment: &Segment| {
             let model = self.closed_loop(values, segment, fineness);
-            let of = |joint: usize| {
-                segment.error_counts.iter().zip(&model).map(|(e, m)| e[joint] - m.error_counts[joint]).collect()
-            };
+            let of =
+                |joint: usize| model.iter().enumerate().map(|(k, tick)| segment.difference(k, joint, tick)).collect();
             [of(0), of(1)]
         };
         self.segments.iter().map(difference).collect()
@@ -238,7 +270,7 @@ impl<'a> Experiment<'a> {
             columns[1].reserve(segment.error_counts.len());
             for k in 0..segment.error_counts.len() {
                 let innovation = model.tick(&RecordedSample {
-                    reference_counts: segment.reference_counts[k],
+                    reference_counts: segment.model_reference_counts[k],
                     measured_counts: segment.measured_counts[k],
                     command_a: segment.command_a[k],
                     added_torque_nm: segment.added_torque_nm[k],

@@ -49,10 +49,7 @@ impl Problem<'_> {
                     (self.residuals)(&moved)
                 };
                 let (plus, minus) = rayon::join(|| at(1.0), || at(-1.0));
-                plus.iter()
-                    .zip(&minus)
-                    .map(|(p, m)| p.iter().zip(m).map(|(p, m)| 0.5 * (p - m)).collect())
-                    .collect()
+                plus.iter().zip(&minus).map(|(p, m)| p.iter().zip(m).map(|(p, m)| 0.5 * (p - m)).collect()).collect()
             })
             .collect()
     }
@@ -148,9 +145,7 @@ impl Problem<'_> {
             }
         }
         let scaled = &inverse * meat * &inverse;
-        DMatrix::from_fn(count, count, |i, j| {
-            scaled[(i, j)] * self.steps[i] * self.steps[j] / (scale[i] * scale[j])
-        })
+        DMatrix::from_fn(count, count, |i, j| scaled[(i, j)] * self.steps[i] * self.steps[j] / (scale[i] * scale[j]))
     }
 }
 
@@ -212,8 +207,13 @@ mod tests {
                     .collect();
                 let samples = noise.len() as f64;
                 let residuals = |values: &[f64]| vec![noise.iter().map(|n| values[0] - n).collect()];
-                let problem =
-                    Problem { residuals: &residuals, steps: &[1e-3], acceptable: &|_| true, tolerance: 1e-9, progress: &|_| () };
+                let problem = Problem {
+                    residuals: &residuals,
+                    steps: &[1e-3],
+                    acceptable: &|_| true,
+                    tolerance: 1e-9,
+                    progress: &|_| (),
+                };
                 let fit = problem.solve(&[0.0]);
                 sum += problem.covariance(&fit.values, 5 * block)[(0, 0)] * samples * 3.0;
             }

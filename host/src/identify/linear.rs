@@ -51,7 +51,8 @@ pub fn linear_start(experiment: &Experiment, known: &Values, free: &[Parameter],
     let plant = known.plant(experiment.robot);
     for segment in &experiment.segments {
         let samples = segment.error_counts.len();
-        let column = |joint: usize, source: &[[f64; 2]]| -> Vec<f64> { source.iter().map(|pair| pair[joint]).collect() };
+        let column =
+            |joint: usize, source: &[[f64; 2]]| -> Vec<f64> { source.iter().map(|pair| pair[joint]).collect() };
         let position: [Vec<f64>; 2] = std::array::from_fn(|joint| {
             let counts_per_rad = experiment.counts_per_rad(joint);
             let counts = low_pass(&column(joint, &segment.measured_counts), period_s, cutoff_hz);

@@ -49,8 +49,12 @@ pub struct Values {
 impl Values {
     /// The robot file's friction; f is still unknown and zero.
     pub fn of_robot(robot: &Robot) -> Self {
-        let mut values =
-            Self { f: [0.0; PARAMETERS], viscous_nm_s_per_rad: [0.0; 2], coulomb_nm: [0.0; 2], torque_offset_nm: [0.0; 2] };
+        let mut values = Self {
+            f: [0.0; PARAMETERS],
+            viscous_nm_s_per_rad: [0.0; 2],
+            coulomb_nm: [0.0; 2],
+            torque_offset_nm: [0.0; 2],
+        };
         for (index, joint) in robot.joints.iter().enumerate().take(2) {
             values.viscous_nm_s_per_rad[index] = joint.viscous_friction_nm_s_per_rad.unwrap_or(0.0);
             values.coulomb_nm[index] = joint.coulomb_friction_nm.unwrap_or(0.0);

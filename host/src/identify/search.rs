@@ -1,8 +1,8 @@
 //! The genetic algorithm on the paper's objective.
 
-use rayon::prelude::*;
-use rand_pcg::Pcg64Mcg;
 use rand_core::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 use shared::genetic::{Genetic, Range, Settings};
 
 use super::IdentifyError;
@@ -80,7 +80,8 @@ fn search_sized<const GENES: usize>(
         candidates.par_iter().zip(objectives.par_iter_mut()).for_each(|(genes, value)| {
             let values = place.known.with(place.free, &genes[..used]);
             // A candidate that no arm could have is worse than any that one could.
-            *value = if acceptable(experiment, &values) { experiment.objective_counts2(&values) } else { f64::INFINITY };
+            *value =
+                if acceptable(experiment, &values) { experiment.objective_counts2(&values) } else { f64::INFINITY };
         });
     };
     let random = Pcg64Mcg::seed_from_u64(seed);
@@ -93,10 +94,8 @@ fn search_sized<const GENES: usize>(
     let mut generations = Vec::new();
     genetic.run(&mut objective, |state| {
         let best_counts2 = state.best().1;
-        generations.push(Generation {
-            best_counts2,
-            subpopulations_counts2: std::array::from_fn(|s| state.best_of(s).1),
-        });
+        generations
+            .push(Generation { best_counts2, subpopulations_counts2: std::array::from_fn(|s| state.best_of(s).1) });
         progress(best_counts2);
     });
     let (genes, objective_counts2) = genetic.best();

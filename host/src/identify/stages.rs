@@ -71,8 +71,7 @@ impl Run<'_> {
             known = linear::linear_start(self.experiment, &known, self.free, LADDER_HZ[0]);
         }
         let ranges: Vec<[f64; 2]> = f.iter().map(|&parameter| self.range(parameter, &known)).collect();
-        let place =
-            SearchBox { free: &f, ranges: &ranges, known: &known, start: None, settings: Settings::default() };
+        let place = SearchBox { free: &f, ranges: &ranges, known: &known, start: None, settings: Settings::default() };
         let found = search(self.experiment, &place, self.seed, &step)?;
         Ok(Outcome {
             values: found.values,
@@ -133,16 +132,15 @@ impl Run<'_> {
         }
 
         let done = LADDER_HZ.len() * ITERATIONS + searched;
-        let innovations = |candidate: &[f64]| -> Series {
-            self.settled(experiment.innovations(&values.with(self.free, candidate)))
-        };
+        let correlated = (CORRELATION_S / experiment.robot.record_period_s) as usize;
+        let innovations =
+            |candidate: &[f64]| -> Series { self.settled(experiment.innovations(&values.with(self.free, candidate))) };
         let fit = self.solve(&values, &innovations, FINAL_TOLERANCE, &self.stage("innovations", done, total));
         evaluations += fit.evaluations;
-        let best = values.with(self.free, &fit.values);
         let lack_of_fit = lacks_something(&innovations(&fit.values));
-        let correlated = (CORRELATION_S / experiment.robot.record_period_s) as usize;
+        let best = values.with(self.free, &fit.values);
 
-        let (best, covariance) = if lack_of_fit {
+        let (values, covariance) = if lack_of_fit {
             // Where the model lacks something no estimate is the true one. The best is then the one that repeats the
             // tracking errors best, which is what the paper's Y asks for.
             let closed_loop = |candidate: &[f64]| -> Series {
@@ -152,11 +150,11 @@ impl Run<'_> {
             let fit = self.solve(&best, &closed_loop, FINAL_TOLERANCE, &step);
             evaluations += fit.evaluations;
             let covariance =
-                self.problem(&best, &closed_loop, FINAL_TOLERANCE, &step, |problem| problem.covariance(&fit.values, correlated));
+                self.problem(&best, &closed_loop, FINAL_TOLERANCE, &step, |p| p.covariance(&fit.values, correlated));
             (best.with(self.free, &fit.values), covariance)
         } else {
             let covariance =
-                self.problem(&best, &innovations, FINAL_TOLERANCE, &|_| (), |problem| problem.covariance(&fit.values, correlated));
+                self.problem(&best, &innovations, FINAL_TOLERANCE, &|_| (), |p| p.covariance(&fit.values, correlated));
             (best, covariance)
         };
         evaluations += 2 * self.free.len() + 1;
@@ -166,7 +164,7 @@ impl Run<'_> {
             (0..self.free.len()).map(|i| (0..self.free.len()).map(|j| correlation(i, j)).collect()).collect();
         (self.progress)(Progress { stage: "done", done: total, total });
         Ok(Outcome {
-            values: best,
+            values,
             standard_errors: Some(standard_errors),
             correlations: Some(correlations),
             lack_of_fit,

@@ -133,7 +133,17 @@ impl Paper {
             String::new(),
             format!(
                 "{:<4} {:>10} | {:>10} {:>10} | {:>11} {:>10} {:>11} | {:>11} {:>10} {:>11} {:>10}",
-                "", "true", "paper's ±%", "", "GA, mean", "± %", "error, %", "full, mean", "± %", "error, %", "st. err."
+                "",
+                "true",
+                "paper's ±%",
+                "",
+                "GA, mean",
+                "± %",
+                "error, %",
+                "full, mean",
+                "± %",
+                "error, %",
+                "st. err."
             ),
         ];
         for index in 0..PARAMETERS {
@@ -154,7 +164,8 @@ impl Paper {
             ));
         }
         lines.push(
-            "± is the standard deviation over the runs; st. err. the mean standard error that one run of full states.".into(),
+            "± is the standard deviation over the runs; st. err. the mean standard error that one run of full states."
+                .into(),
         );
         lines.join("\n")
     }
