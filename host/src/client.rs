@@ -88,18 +88,24 @@ pub enum ClientError {
 
 impl Client {
     /// Greets the board behind `link`.
-    pub fn connect(mut link: Box<dyn Link>) -> Result<Self, ClientError> {
+    pub fn connect(link: Box<dyn Link>) -> Result<Self, ClientError> {
+        // Another start than the last program's, so that none of its requests can be taken for one of these.
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Self::connect_from(link, since_1970.as_millis() as u32)
+    }
+
+    /// Greets the board behind `link`, with sequence numbers that follow `sequence`: the same bytes in every run, for a
+    /// board that is new in every run.
+    pub fn connect_from(mut link: Box<dyn Link>, sequence: u32) -> Result<Self, ClientError> {
         // Whatever an earlier program left in the pipes is read and thrown away; the hello sets the sequence.
         let mut rest = [0; 256];
         while link.receive(&mut rest, Duration::from_millis(1))? == rest.len() {}
-        // Another start than the last program's, so that none of its requests can be taken for one of these.
-        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let mut client = Self {
             link,
             decoder: Decoder::new(),
             received: VecDeque::new(),
             unasked: VecDeque::new(),
-            sequence: since_1970.as_millis() as u32,
+            sequence,
             repeats: 0,
             info: empty_info(),
         };
