@@ -1,8 +1,11 @@
 //! What judges the rest of the project from outside.
 //!
-//! [`simulator`] is a second robot arm, written from the mechanics alone. It shares no code with the crate `shared`:
-//! if both had the same mistake, an identification could look perfect and still be wrong.
+//! [`simulator`] is a second robot arm, written from the mechanics alone. It uses nothing of the crate `shared`: if both
+//! had the same mistake, an identification could look perfect and still be wrong.
+//!
+//! [`emulated_board`] runs the real firmware image on an emulated microcontroller.
 
 #![forbid(unsafe_code)]
 
+pub mod emulated_board;
 pub mod simulator;

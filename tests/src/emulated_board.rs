@@ -1,0 +1,126 @@
+//! The real firmware image on an emulated microcontroller, with the simulated arm at its terminals.
+//!
+//! | module | its one job |
+//! |---|---|
+//! | [`nucleo`] | the board: clock, supply, and which pin carries what |
+//! | `part`, `dac` | the microcontroller, with a model of the converter that the emulator lacks |
+//! | `wire` | the serial line |
+//! | `arm` | currents in, encoder edges and measured currents out |
+//! | `bench` | runs all of it in lock-step |
+//! | `conversation`, `link` | the way from there to [`armid::client::Client`] |
+//! | [`observations`] | what is watched from outside meanwhile |
+//!
+//! The image is the one that is flashed, byte for byte. It sees registers: timers that count encoder edges, converters,
+//! a serial port with DMA, the watchdog. Time is virtual and passes only while the host waits for the board, so a run
+//! depends on nothing but its inputs.
+//!
+//! What this does not show: wait states of the flash memory and instructions of several cycles (the emulated core is
+//! set slower instead), anything analogue, and every difference between the models and silicon.
+
+mod arm;
+mod bench;
+mod conversation;
+mod dac;
+mod link;
+pub mod nucleo;
+pub mod observations;
+mod part;
+mod wire;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use armid::hidden_robot::HiddenRobot;
+use armid::robot::Robot;
+use rigless::emulator::{self, Start};
+use rigless::image::Image;
+use rigless::session::Session;
+use rigless::time::VirtualNanos;
+
+use arm::SimulatedArm;
+use bench::Bench;
+use conversation::Conversation;
+pub use link::EmulatedLink;
+use nucleo::Nucleo;
+use observations::Observations;
+
+/// Names the image to run.
+pub const FIRMWARE_VARIABLE: &str = "ARMID_FIRMWARE";
+
+/// The image that the environment names; nothing where it names none.
+pub fn firmware_from_environment() -> Option<PathBuf> {
+    std::env::var_os(FIRMWARE_VARIABLE).filter(|path| !path.is_empty()).map(PathBuf::from)
+}
+
+/// Why an emulation did not start, or ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum EmulationError {
+    /// The image cannot be used.
+    #[error("the image cannot be run: {0}")]
+    Image(#[from] rigless::image::Error),
+    /// The description of the part is wrong.
+    #[error("the emulated part cannot be built: {0}")]
+    Part(#[from] rigless::soc::Error),
+    /// The emulator gave up.
+    #[error("the emulator gave up: {0}")]
+    Emulator(#[from] emulator::Error),
+}
+
+/// A board that runs the firmware image, in a thread of its own.
+pub struct EmulatedBoard {
+    conversation: Arc<Mutex<Conversation>>,
+    thread: JoinHandle<Result<Observations, EmulationError>>,
+}
+
+impl EmulatedBoard {
+    /// Switches on a board with the image at `firmware`, and `hidden` with the drives of `robot` at its terminals. The
+    /// arm rests at zero angles: upper arm horizontal, forearm up.
+    pub fn start(firmware: &Path, robot: &Robot, hidden: &HiddenRobot) -> Result<Self, EmulationError> {
+        let images = [Image::read(firmware, None)?];
+        let session = Session::new(Box::new(Nucleo::new()?), 0, VirtualNanos(0))?;
+        let (command_sender, commands) = mpsc::channel();
+        let (answers, answer_receiver) = mpsc::channel();
+        let bench = Bench::new(SimulatedArm::new(robot, hidden), commands, answers);
+        let thread = std::thread::spawn(move || {
+            let finished = emulator::run(session, &Start::new(&images), bench)?;
+            let mut observations = finished.driver.into_observations();
+            observations.complete(&finished.session);
+            Ok(observations)
+        });
+        let conversation = Arc::new(Mutex::new(Conversation::new(command_sender, answer_receiver)));
+        Ok(Self { conversation, thread })
+    }
+
+    /// Its serial line.
+    pub fn link(&self) -> EmulatedLink {
+        EmulatedLink::new(self.conversation.clone())
+    }
+
+    /// The board's time.
+    pub fn now(&self) -> Duration {
+        self.with(|conversation| conversation.now())
+    }
+
+    /// Lets the board run with nobody at the line.
+    pub fn run(&self, duration: Duration) {
+        // An emulation that has ended says why in `finish`.
+        let _ = self.with(|conversation| conversation.run(duration, false));
+    }
+
+    /// Presses or releases the emergency stop.
+    pub fn set_emergency_stop(&self, pressed: bool) {
+        self.with(|conversation| conversation.set_emergency_stop(pressed));
+    }
+
+    /// Switches the board off and says what was watched.
+    pub fn finish(self) -> Result<Observations, EmulationError> {
+        self.with(Conversation::end);
+        self.thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut Conversation) -> T) -> T {
+        act(&mut self.conversation.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}

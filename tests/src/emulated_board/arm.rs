@@ -1,0 +1,150 @@
+//! The simulated arm at the board's terminals: currents in, encoder edges and measured currents out.
+
+use armid::hidden_robot::HiddenRobot;
+use armid::robot::Robot;
+use shared::board::MID_SCALE;
+use shared::drive::Drive;
+use shared::plant::{PreparedPlant, State};
+use shared::protocol::CurrentScale;
+
+use super::nucleo::Outputs;
+
+/// Longest step of the plant, in ns.
+pub const LONGEST_STEP_NS: u64 = 50_000;
+
+/// Largest code of a 12-bit converter.
+const LARGEST_CODE: f64 = 4095.0;
+
+/// An encoder edge that is due.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Edge {
+    /// When.
+    pub at_ns: u64,
+    /// Index of the joint.
+    pub joint: usize,
+    up: bool,
+}
+
+/// The arm with its drives.
+///
+/// It is always simulated one step ahead, under the currents of now, because only so it is known when within that step
+/// an encoder line will change. When the currents change before the step is over, it is taken back and done again.
+#[derive(Debug)]
+pub struct SimulatedArm {
+    plant: PreparedPlant<f64>,
+    drives: [Drive<f64>; 2],
+    current_scale: [CurrentScale; 2],
+    state: State<f64>,
+    state_ns: u64,
+    ahead: State<f64>,
+    current_a: [f64; 2],
+    powered: bool,
+    /// What the encoders have put out.
+    counts: [i64; 2],
+}
+
+impl SimulatedArm {
+    /// At rest at zero angles: upper arm horizontal, forearm up. The brakes hold it.
+    pub fn new(robot: &Robot, hidden: &HiddenRobot) -> Self {
+        let plant = hidden.plant(robot);
+        let state = State::at_rest([0.0; 2]);
+        Self {
+            plant: plant.prepare(),
+            drives: plant.drives,
+            current_scale: [0, 1].map(|joint: usize| CurrentScale::symmetric(robot.joints[joint].current_full_scale_a)),
+            state,
+            state_ns: 0,
+            ahead: state,
+            current_a: [0.0; 2],
+            powered: false,
+            counts: [0; 2],
+        }
+    }
+
+    /// Until when the arm has been simulated.
+    pub fn ahead_ns(&self) -> u64 {
+        self.state_ns + LONGEST_STEP_NS
+    }
+
+    /// Joint angles in rad at the last step.
+    pub fn position_rad(&self) -> [f64; 2] {
+        self.state.position_rad
+    }
+
+    /// The step is over.
+    pub fn advance(&mut self, at_ns: u64) {
+        self.state = self.after(at_ns.saturating_sub(self.state_ns));
+        self.state_ns = at_ns;
+        self.ahead = self.after(LONGEST_STEP_NS);
+    }
+
+    /// The board puts something else out.
+    pub fn apply(&mut self, at_ns: u64, outputs: &Outputs) {
+        self.advance(at_ns);
+        self.powered = outputs.amplifiers_enabled;
+        self.current_a = [0, 1].map(|joint| {
+            // An output that is switched off floats to ground, which the conditioning turns into full negative current.
+            let code = outputs.command_code[joint].unwrap_or(0);
+            let limit_a = self.drives[joint].current_limit_a;
+            if self.powered { self.current_scale[joint].command_a(code).clamp(-limit_a, limit_a) } else { 0.0 }
+        });
+        if !self.powered {
+            // The brakes engage when power goes, and hold at once.
+            self.state.velocity_rad_s = [0.0; 2];
+        }
+        self.ahead = self.after(LONGEST_STEP_NS);
+    }
+
+    /// What the current sensors show, as codes of the board's converter.
+    pub fn current_codes(&self) -> [u16; 2] {
+        [0, 1].map(|joint| {
+            let CurrentScale { adc_a_per_code, adc_offset_a, .. } = self.current_scale[joint];
+            let code = (self.current_a[joint] - adc_offset_a) / adc_a_per_code + f64::from(MID_SCALE);
+            code.round().clamp(0.0, LARGEST_CODE) as u16
+        })
+    }
+
+    /// The next edge within the step ahead.
+    pub fn next_edge(&self) -> Option<Edge> {
+        [0, 1].into_iter().filter_map(|joint| self.edge(joint)).min_by_key(|edge| edge.at_ns)
+    }
+
+    fn edge(&self, joint: usize) -> Option<Edge> {
+        let per_rad = self.drives[joint].counts_per_rad();
+        let [from, to] = [&self.state, &self.ahead].map(|state| state.position_rad[joint] * per_rad);
+        // All cells of an encoder are one count wide. This one's begin above their number, so that it agrees with the
+        // paper's fix() where counts are negative, which they are on all of the paper's movement.
+        let shown = self.counts[joint] as f64;
+        let (up, boundary) = match to.ceil() {
+            cell if cell > shown => (true, shown),
+            cell if cell < shown => (false, shown - 1.0),
+            _ => return None,
+        };
+        let share = if to == from { 0.0 } else { ((boundary - from) / (to - from)).clamp(0.0, 1.0) };
+        Some(Edge { at_ns: self.state_ns + (share * LONGEST_STEP_NS as f64) as u64, joint, up })
+    }
+
+    /// Lets an edge happen; returns the levels of the joint's two channels after it.
+    pub fn pass(&mut self, edge: Edge) -> [bool; 2] {
+        self.counts[edge.joint] += if edge.up { 1 } else { -1 };
+        self.levels(edge.joint)
+    }
+
+    /// The levels of a joint's two channels: the first leads when the count goes up.
+    pub fn levels(&self, joint: usize) -> [bool; 2] {
+        match self.counts[joint].rem_euclid(4) {
+            0 => [false, false],
+            1 => [true, false],
+            2 => [true, true],
+            _ => [false, true],
+        }
+    }
+
+    fn after(&self, duration_ns: u64) -> State<f64> {
+        if !self.powered {
+            return self.state;
+        }
+        let torque_nm = [0, 1].map(|joint: usize| self.drives[joint].motor_torque_nm(self.current_a[joint]));
+        self.plant.step(&self.state, torque_nm, duration_ns as f64 * 1e-9)
+    }
+}

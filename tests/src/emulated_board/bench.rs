@@ -1,0 +1,180 @@
+//! Runs board and arm in lock-step, and hands over to the host in between.
+
+use std::sync::mpsc::{Receiver, Sender};
+
+use rigless::emulator::{AccessKind, Driver, Host, Settled, Stop};
+use rigless::session::Session;
+use rigless::soc::stm32f427::generated::{DAC, GPIOF};
+use rigless::time::VirtualNanos;
+
+use super::arm::SimulatedArm;
+use super::nucleo::{Nucleo, Outputs};
+use super::observations::{Observations, OutputChange, Tick};
+
+/// Ends every frame of the protocol, and occurs nowhere else.
+const FRAME_END: u8 = 0;
+
+/// Status and counter register of TIM1.
+const TIM1_STATUS: u64 = 0x4001_0010;
+const TIM1_COUNTER: u64 = 0x4001_0024;
+
+/// What the host asks for: bytes to the board, then time.
+#[derive(Debug, Default)]
+pub struct Command {
+    /// Bytes to put on the line.
+    pub to_board: Vec<u8>,
+    /// Whether the emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// Until when to run at most, in ns.
+    pub run_until_ns: u64,
+    /// Whether to come back when the board has sent a frame.
+    pub until_frame: bool,
+}
+
+/// What it gets back.
+#[derive(Debug)]
+pub struct Answer {
+    /// What time it is, in ns.
+    pub at_ns: u64,
+    /// What the board has sent.
+    pub from_board: Vec<u8>,
+}
+
+/// The emulator asks it at every stop what happens next. It waits for the host whenever nothing is left to run, so
+/// virtual time passes only when the host waits, and two runs are the same.
+#[derive(Debug)]
+pub struct Bench {
+    arm: SimulatedArm,
+    commands: Receiver<Command>,
+    answers: Sender<Answer>,
+    command: Command,
+    outputs: Option<Outputs>,
+    restarts_seen: usize,
+    tick: Option<(Tick, u64)>,
+    observations: Observations,
+}
+
+impl Bench {
+    /// A bench that waits for its first command.
+    pub fn new(arm: SimulatedArm, commands: Receiver<Command>, answers: Sender<Answer>) -> Self {
+        Self {
+            arm,
+            commands,
+            answers,
+            command: Command::default(),
+            outputs: None,
+            restarts_seen: 0,
+            tick: None,
+            observations: Observations::default(),
+        }
+    }
+
+    /// What was watched.
+    pub fn into_observations(self) -> Observations {
+        self.observations
+    }
+
+    /// Puts everything that comes from outside on the pins, which forget it at a reset.
+    fn drive_pins(&mut self, board: &mut Nucleo, at: VirtualNanos) {
+        board.set_emergency_stop(at, self.command.emergency_stop);
+        board.set_current_codes(self.arm.current_codes());
+        for joint in 0..2 {
+            board.set_encoder(at, joint, self.arm.levels(joint));
+        }
+    }
+
+    /// Lets the arm and its encoders catch up.
+    fn advance_arm(&mut self, board: &mut Nucleo, at: VirtualNanos) {
+        while let Some(edge) = self.arm.next_edge().filter(|edge| edge.at_ns <= at.0) {
+            let levels = self.arm.pass(edge);
+            board.set_encoder(at, edge.joint, levels);
+            self.observations.edges[edge.joint] += 1;
+        }
+        if at.0 >= self.arm.ahead_ns() {
+            self.arm.advance(at.0);
+        }
+    }
+
+    /// Lets the host have its turn as long as it wants no time to pass. False when it has gone.
+    fn serve_host(&mut self, board: &mut Nucleo, at: VirtualNanos) -> bool {
+        loop {
+            let frame_is_there =
+                self.command.until_frame && board.wire().is_some_and(|wire| wire.received().last() == Some(&FRAME_END));
+            if at.0 < self.command.run_until_ns && !frame_is_there {
+                return true;
+            }
+            if at.0 > 0 {
+                let from_board = board.wire().map(|wire| wire.take_received()).unwrap_or_default();
+                if self.answers.send(Answer { at_ns: at.0, from_board }).is_err() {
+                    return false;
+                }
+            }
+            let Ok(mut command) = self.commands.recv() else { return false };
+            if let Some(wire) = board.wire() {
+                wire.send(command.to_board.drain(..));
+            }
+            if command.emergency_stop != self.command.emergency_stop {
+                board.set_emergency_stop(at, command.emergency_stop);
+            }
+            self.command = command;
+        }
+    }
+
+    /// The board may have put something else out.
+    fn watch_outputs(&mut self, board: &mut Nucleo, at: VirtualNanos) {
+        let outputs = board.outputs();
+        if self.outputs != Some(outputs) {
+            self.outputs = Some(outputs);
+            self.observations.outputs.push(OutputChange { at_ns: at.0, outputs });
+            self.arm.apply(at.0, &outputs);
+            board.set_current_codes(self.arm.current_codes());
+        }
+    }
+}
+
+impl Driver<Nucleo> for Bench {
+    fn on_settled(&mut self, session: &mut Session<Nucleo>, _: &mut dyn Host, settled: Settled) {
+        let Settled::Access { access, value } = settled else { return };
+        match (access.kind, access.address) {
+            // The control interrupt reads the counter first and the status last; nothing else reads either.
+            (AccessKind::Read, TIM1_COUNTER) => {
+                let tick = Tick { start_ns: access.virtual_time.0, timer_steps: value, instructions: 0 };
+                self.tick = Some((tick, access.instruction_count));
+            }
+            (AccessKind::Read, TIM1_STATUS) => {
+                if let Some((mut tick, first_instruction)) = self.tick.take() {
+                    tick.instructions = access.instruction_count - first_instruction;
+                    self.observations.ticks.push(tick);
+                }
+            }
+            (AccessKind::Write, address) if [DAC, GPIOF].iter().any(|block| holds(block, address)) => {
+                self.watch_outputs(session.board_mut(), access.virtual_time);
+            }
+            _ => {}
+        }
+    }
+
+    fn on_stop(&mut self, session: &mut Session<Nucleo>, stop: Stop, _: &mut dyn Host) -> Option<VirtualNanos> {
+        let restarts = session.resets().len();
+        let board = session.board_mut();
+        if stop.at.0 == 0 || restarts != self.restarts_seen {
+            self.restarts_seen = restarts;
+            self.watch_outputs(board, stop.at);
+            self.drive_pins(board, stop.at);
+        }
+        self.advance_arm(board, stop.at);
+        if !self.serve_host(board, stop.at) {
+            self.observations.end_ns = stop.at.0;
+            self.observations.instructions = stop.instruction_count;
+            self.observations.position_rad = self.arm.position_rad();
+            return None;
+        }
+        let edge_ns = self.arm.next_edge().map_or(u64::MAX, |edge| edge.at_ns);
+        let next_ns = self.arm.ahead_ns().min(edge_ns).min(self.command.run_until_ns);
+        Some(VirtualNanos(next_ns.max(stop.at.0 + 1)))
+    }
+}
+
+fn holds(block: &rigless::soc::Peripheral, address: u64) -> bool {
+    (block.base..block.base + block.size).contains(&address)
+}

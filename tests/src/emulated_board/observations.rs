@@ -1,0 +1,85 @@
+//! What is watched from outside while the image runs.
+
+use rigless::device::ResetCause;
+use rigless::session::Session;
+
+use super::nucleo::{CORE_CLOCK_HZ, INSTRUCTIONS_PER_SECOND, Nucleo, Outputs};
+
+/// Core cycles in one step of TIM1, as the firmware sets its prescaler.
+const CYCLES_PER_TIMER_STEP: u64 = 2;
+
+/// One run of the control interrupt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tick {
+    /// When its first instruction that touches a register ran, in ns.
+    pub start_ns: u64,
+    /// Steps that TIM1 had counted since its overflow then.
+    pub timer_steps: u64,
+    /// Instructions from there to its last look at the timer.
+    pub instructions: u64,
+}
+
+impl Tick {
+    /// When the timer overflowed, in ns: exact to the resolution of the timer, 12 ns.
+    pub fn overflow_ns(&self) -> f64 {
+        self.start_ns as f64 - (self.timer_steps * CYCLES_PER_TIMER_STEP) as f64 * 1e9 / CORE_CLOCK_HZ as f64
+    }
+
+    /// Its duration on the emulated core, in µs.
+    pub fn duration_us(&self) -> f64 {
+        self.instructions as f64 * 1e6 / INSTRUCTIONS_PER_SECOND as f64
+    }
+}
+
+/// What the board put out from an instant on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutputChange {
+    /// Since when, in ns.
+    pub at_ns: u64,
+    /// What.
+    pub outputs: Outputs,
+}
+
+/// A restart of the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Restart {
+    /// When, in ns.
+    pub at_ns: u64,
+    /// Why.
+    pub cause: ResetCause,
+}
+
+/// Everything that was watched.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Observations {
+    /// Every run of the control interrupt.
+    pub ticks: Vec<Tick>,
+    /// Every change of the outputs.
+    pub outputs: Vec<OutputChange>,
+    /// Encoder edges put out for each joint.
+    pub edges: [u64; 2],
+    /// Joint angles in rad at the end.
+    pub position_rad: [f64; 2],
+    /// Every restart after the first start.
+    pub restarts: Vec<Restart>,
+    /// Registers that the firmware touched and no model answers for, and addresses where there is nothing.
+    pub unmodelled: Vec<String>,
+    /// Instructions executed.
+    pub instructions: u64,
+    /// When the run ended, in ns.
+    pub end_ns: u64,
+}
+
+impl Observations {
+    /// Adds what the emulator itself kept.
+    pub(super) fn complete(&mut self, session: &Session<Nucleo>) {
+        self.restarts =
+            session.resets().iter().map(|reset| Restart { at_ns: reset.at.0, cause: reset.cause }).collect();
+        let registers = session.unimplemented().values().map(|gap| format!("{} {}", gap.instance, gap.register));
+        let nowhere = session.unmapped().into_iter().map(|gap| format!("{:#010x}", gap.address));
+        let refused = session.refused().iter().map(|(address, fault)| format!("{address:#010x} {fault:?}"));
+        self.unmodelled = registers.chain(nowhere).chain(refused).collect();
+        self.unmodelled.sort();
+        self.unmodelled.dedup();
+    }
+}
