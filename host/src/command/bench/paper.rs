@@ -14,7 +14,7 @@ use clap::Args;
 use serde_json::json;
 use shared::arm::PARAMETERS;
 
-use super::super::common::{paper_name, print, print_json};
+use super::super::common::{TrajectoryArguments, print, print_json};
 use super::super::run::Run;
 use super::super::{CommandError, progress};
 
@@ -24,8 +24,6 @@ const GAINS_NM_PER_COUNT: [f64; 2] = [0.096, 0.094];
 const LOOP_PERIOD_S: f64 = 50e-6;
 /// The paper's movement in s.
 const PERIOD_S: f64 = 3.65;
-/// How long the arm stands before a movement, in ns.
-const SETTLE_NS: u64 = 2_000_000_000;
 
 /// What the paper reports: best objective of the first generation and at the end, in counts², low and high.
 const PAPER_FIRST_COUNTS2: [f64; 2] = [38e3, 45e3];
@@ -101,17 +99,8 @@ impl Paper {
         let board = SimulatedBoard::new(robot, truth.clone(), self.seed);
         let mut client = Client::connect(Box::new(board))?;
         client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false)?;
-        let trajectory = armid::trajectory_file::paper(PERIOD_S)
-            .ok_or_else(|| CommandError::Failed(format!("{PERIOD_S} s is no period")))?;
-        let run = Run {
-            robot,
-            trajectory: &trajectory,
-            trajectory_name: paper_name(PERIOD_S),
-            mode: Mode::P,
-            settle_ns: SETTLE_NS,
-            seed: Some(self.seed),
-            path: "bench.csv".into(),
-        };
+        let movement = TrajectoryArguments::paper(PERIOD_S).prepare(robot)?;
+        let run = Run { robot, movement: &movement, mode: Mode::P, seed: Some(self.seed), path: "bench.csv".into() };
         run.on(&mut client)?.whole()
     }
 
