@@ -3,7 +3,7 @@
 //! Two things are left in them: the rounding of the encoder, white, and torque that no model knows, slow. The state
 //! correction takes both for errors of the state and follows them below its bandwidth: rounding comes out without its
 //! low frequencies, torque noise as a hump around the bandwidth. Residuals divided by the root of this spectrum are
-//! white, so that least squares is efficient and its standard errors are right, with torque noise and without.
+//! never louder at one frequency than at another, so that least squares is not led by torque noise.
 
 use realfft::RealFftPlanner;
 use shared::replay::{CORRECTION_DAMPING, CORRECTION_HZ};
@@ -13,10 +13,6 @@ const CORRELATION_TIMES_S: [f64; 5] = [0.003, 0.01, 0.03, 0.1, 0.3];
 
 /// Below this the spectrum is made of the few frequencies that the fit itself explains.
 const LOWEST_HZ: f64 = 0.5;
-
-/// No frequency counts more than this many times as much, in power, as plain rounding: where the model says that
-/// nearly no noise is left, small faults of the model itself are.
-const LARGEST_WEIGHT: f64 = 30.0;
 
 /// The spectrum of one joint's innovations, relative to white noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +81,9 @@ impl InnovationNoise {
         let correction = (1.0 - squared).powi(2) + (2.0 * CORRECTION_DAMPING * relative).powi(2);
         let slowness = std::f64::consts::TAU * frequency_hz * self.correlation_time_s;
         let torque = self.torque_ratio / (1.0 + slowness * slowness);
-        ((squared * squared + torque) / correction).max(1.0 / LARGEST_WEIGHT)
+        // Below the bandwidth rounding leaves next to nothing; weighing that up would bring out the small faults that
+        // every model has, so no frequency counts more than plain rounding does.
+        ((squared * squared + torque) / correction).max(1.0)
     }
 }
 
