@@ -28,7 +28,7 @@ fn the_healthy_robot_is_found_within_its_standard_errors() {
     let training = [read("train1.csv"), read("train2.csv")];
     let check = [read("check.csv")];
     let found = identify(&robot, &training, &check, &Options::default(), &|_| ()).expect("an identification");
-    let truth = read_truth(&folder.join("truth.txt")).expect("the truth");
+    let truth = read_truth(folder.join("truth.txt")).expect("the truth");
     for (index, true_value) in truth.base.0.into_iter().enumerate() {
         let parameter = Parameter::F(index);
         let standard_error = found.standard_error(parameter).expect("a sought parameter");

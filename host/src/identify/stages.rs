@@ -156,12 +156,18 @@ impl Run<'_> {
                 self.problem(&best, &closed_loop, FINAL_TOLERANCE, &step, |p| p.covariance(&fit.values, correlated));
             (best.with(self.free, &fit.values), covariance)
         } else {
-            // Once more, every frequency now weighed by its own noise.
+            // Once more, every frequency now weighed by its own noise. The noise model is that of a held command: in a
+            // faster loop the rounding goes through the loop as well.
             let joints = experiment.robot.joints.len();
             let noise: Vec<InnovationNoise> = (0..joints)
                 .map(|joint| {
                     let series = left.iter().skip(joint).step_by(joints).map(Vec::as_slice);
-                    InnovationNoise::of(series, experiment.robot.record_period_s)
+                    let period_s = experiment.robot.record_period_s;
+                    if experiment.commands_are_missing() {
+                        InnovationNoise::rounding_alone(period_s)
+                    } else {
+                        InnovationNoise::of(series, period_s)
+                    }
                 })
                 .collect();
             let whitened = |candidate: &[f64]| -> Series {
