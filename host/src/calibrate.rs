@@ -310,7 +310,12 @@ fn solve(rows: &Rows, with_lead: bool) -> Option<Fit> {
         lead: with_lead.then(|| Estimate { value: lead, standard_error: lead_variance.max(0.0).sqrt() }),
         offset_a: Estimate { value: offset, standard_error: of(2, 2).sqrt() },
         residual_a_rms: (squares / n).sqrt(),
-        correlation: (1.0 - squares / total.max(f64::MIN_POSITIVE)).max(0.0).sqrt() * gain.signum(),
+        // A current that never changes follows nothing; what is left of its variance is rounding.
+        correlation: if total > 1e-12 * sum_of_squares {
+            (1.0 - squares / total).max(0.0).sqrt() * gain.signum()
+        } else {
+            0.0
+        },
     };
     fit.gain.value.is_finite().then_some(fit)
 }

@@ -1,6 +1,6 @@
 //! What can be wrong with a file: always the file, the place, the value, the limit and what to do about it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use shared::arm::ArmError;
 use shared::control::GainError;
@@ -24,6 +24,34 @@ fn line_suffix(line: Option<usize>) -> String {
 }
 
 impl FileError {
+    /// The file at `path` cannot be opened or read.
+    pub(crate) fn unreadable(path: &Path, source: std::io::Error) -> Self {
+        Self { path: path.to_path_buf(), line: None, problem: Problem::Read(source), remedy: "check the path".into() }
+    }
+
+    /// The file at `path` cannot be written.
+    pub(crate) fn unwritable(path: &Path, source: std::io::Error) -> Self {
+        Self {
+            path: path.to_path_buf(),
+            line: None,
+            problem: Problem::Write(source),
+            remedy: "check that the folder exists, is writable and has room".into(),
+        }
+    }
+
+    /// The contents meant for the file at `path` have no text: a fault of this tool.
+    pub(crate) fn not_serializable(path: &Path, source: toml::ser::Error) -> Self {
+        Self {
+            remedy: "report this as a fault of armid".into(),
+            ..Self::unwritable(path, std::io::Error::other(source))
+        }
+    }
+
+    /// True where the fault is not in a file that was read, but in writing a result.
+    pub fn is_about_output(&self) -> bool {
+        matches!(self.problem, Problem::Write(_))
+    }
+
     /// True where the file is well formed but describes something unsafe to move.
     pub fn is_unsafe(&self) -> bool {
         matches!(self.problem, Problem::Unstable { .. })

@@ -11,6 +11,7 @@ mod experiment;
 mod least_squares;
 mod linear;
 mod low_pass;
+mod noise;
 mod parameters;
 mod search;
 mod stages;

@@ -31,5 +31,8 @@ pub mod trajectory_file;
 /// Writes a file all at once: a reader sees the old file or the new one, never half of either.
 pub use atomic::write as write_file;
 
+/// Makes sure that a file can be written, before the work whose result goes there.
+pub use atomic::check as check_output;
+
 /// Version of this tool, written into every file it makes.
 pub const TOOL_VERSION: &str = concat!("armid ", env!("CARGO_PKG_VERSION"));

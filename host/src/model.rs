@@ -115,12 +115,7 @@ impl Model {
 
     /// Writes the model file.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
-        let text = self.to_toml().map_err(|error| FileError {
-            path: path.to_path_buf(),
-            line: None,
-            problem: Problem::Write(std::io::Error::other(error)),
-            remedy: "report this: a model can always be written".into(),
-        })?;
+        let text = self.to_toml().map_err(|error| FileError::not_serializable(path, error))?;
         atomic::write(path, text.as_bytes())
     }
 

@@ -114,9 +114,17 @@ impl Recording {
             .map_or(Ok(()), |manifest| manifest.check_periods(&Self::manifest_path(&self.path), robot))
     }
 
-    /// The path of the sidecar of a recording at `path`.
+    /// The path of the sidecar of a recording at `path`: `run.csv` has `run.toml`.
+    ///
+    /// Any other name gets `.toml` appended, so that `run.1` and `run.2` do not share one sidecar and a recording is
+    /// never its own.
     pub fn manifest_path(path: &Path) -> PathBuf {
-        path.with_extension("toml")
+        if path.extension().is_some_and(|extension| extension == "csv") {
+            return path.with_extension("toml");
+        }
+        let mut name = path.as_os_str().to_os_string();
+        name.push(".toml");
+        name.into()
     }
 }
 

@@ -199,6 +199,11 @@ impl Robot {
         file::read_for_motion(path)
     }
 
+    /// Reads and checks a robot file whose loop is about to be computed again from recordings: gains must be stable.
+    pub fn read_for_repeating(path: &Path) -> Result<Self, FileError> {
+        file::read_for_repeating(path)
+    }
+
     /// Parses a robot file's bytes; `path` only names them in errors.
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, FileError> {
         file::from_bytes(path, bytes)
@@ -404,19 +409,28 @@ impl Joint {
                 check("velocity_gain", velocity_gain, velocity_gain > 0.0, positive, remedy)?;
             }
         }
+        // Friction that holds the motor fast against its own greatest torque is a number in another unit.
+        let greatest_torque_nm = self.torque_constant_nm_per_a * self.current_limit_a;
         let friction = [
-            ("viscous_friction_nm_s_per_rad", self.viscous_friction_nm_s_per_rad),
-            ("coulomb_friction_nm", self.coulomb_friction_nm),
+            (
+                "viscous_friction_nm_s_per_rad",
+                self.viscous_friction_nm_s_per_rad,
+                f64::INFINITY,
+                "a finite number, 0 or above",
+            ),
+            (
+                "coulomb_friction_nm",
+                self.coulomb_friction_nm,
+                greatest_torque_nm,
+                "a finite number, 0 or above, and below the motor's greatest torque (torque_constant_nm_per_a × \
+                 current_limit_a)",
+            ),
         ];
-        for (field, value) in friction {
+        for (field, value, greatest, limit) in friction {
             if let Some(value) = value {
-                check(
-                    field,
-                    value,
-                    value >= 0.0,
-                    "a finite number, 0 or above",
-                    "leave the key out if it is not known",
-                )?;
+                let remedy = "give it at the motor, not at the joint, in the unit the key names, or leave the key out if \
+                              it is not known";
+                check(field, value, (0.0..greatest).contains(&value), limit, remedy)?;
             }
         }
         check(

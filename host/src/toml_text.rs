@@ -16,12 +16,7 @@ pub struct TomlText<'a> {
 impl<'a> TomlText<'a> {
     /// Reads the file at `path`.
     pub fn read(path: &'a Path) -> Result<Self, FileError> {
-        let bytes = std::fs::read(path).map_err(|source| FileError {
-            path: path.to_path_buf(),
-            line: None,
-            problem: Problem::Read(source),
-            remedy: "check the path".into(),
-        })?;
+        let bytes = std::fs::read(path).map_err(|source| FileError::unreadable(path, source))?;
         Self::from_bytes(path, bytes)
     }
 

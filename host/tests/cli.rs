@@ -226,7 +226,7 @@ fn gains_above_the_stability_limit_never_move_anything() {
     bench.refused(BAD_FILE, "identify run.csv --robot stiff.toml", &parts);
     // The same gain in a loop of 50 µs is what the paper's hardware card ran.
     bench.spoil("stiff.toml", "card.toml", |text| text.replace("loop_period_s = 0.0007", "loop_period_s = 0.00005"));
-    bench.done("simulate --robot card.toml --settle 0.2 --out card.csv");
+    bench.done("simulate --robot card.toml --settle 0.2 --out with-card.csv");
 }
 
 #[test]
@@ -414,4 +414,108 @@ fn a_real_axis_is_identified() {
     near(&found["friction"]["viscous_nm_s_per_rad"][0], 203.5034);
     near(&found["friction"]["coulomb_nm"][0], 20.3935);
     assert!(numbers(&found["force_gap_rms"])[0] <= 2.45, "{}", found["force_gap_rms"]);
+}
+
+#[test]
+fn results_never_destroy_what_they_are_made_of() {
+    let bench = Bench::new().with_recording();
+    let kept = |name: &str| std::fs::read(bench.path(name)).unwrap();
+    let (robot, recording) = (kept("robot.toml"), kept("run.csv"));
+    // The manifest of robot.csv would be robot.toml: the robot file.
+    for command in ["record --board sim --robot robot.toml", "simulate --robot robot.toml", "simulate"] {
+        bench.refused(USAGE, &format!("{command} --out robot.csv"), &["robot.toml", "choose another --out"]);
+    }
+    for out in ["run.csv", "run.toml", "./run.csv", "robot.toml"] {
+        bench.refused(USAGE, &format!("identify run.csv --robot robot.toml --out {out}"), &[out, "overwritten"]);
+    }
+    bench.refused(USAGE, "calibrate run.csv --out run.csv", &["run.csv", "overwritten"]);
+    assert_eq!(kept("robot.toml"), robot);
+    assert_eq!(kept("run.csv"), recording);
+    // A second recording under the same name replaces the first with its manifest, as asked.
+    bench.done("simulate --settle 0 --out run.csv --seed 2");
+    // Names without .csv keep recording and manifest, and each other's manifests, apart.
+    for name in ["one.1", "one.2", "bare.toml"] {
+        bench.done(&format!("simulate --settle 0 --out {name}"));
+        assert!(kept(name).starts_with(b"tick,"), "{name}");
+        assert!(kept(&format!("{name}.toml")).starts_with(b"mode"), "{name}");
+    }
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_told_before_the_work() {
+    let bench = Bench::new().with_recording();
+    std::fs::create_dir(bench.path("folder")).unwrap();
+    for out in ["folder", "folder/", "robot.toml/run.csv"] {
+        for command in ["record --board sim", "simulate", "identify run.csv", "calibrate run.csv"] {
+            let output = bench.run(&format!("{command} --out {out}"));
+            let stderr = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(FAILED), "{command} --out {out}: {stderr}");
+            assert!(stderr.contains("cannot be written"), "{stderr}");
+            // Nothing came before the error: no margins of a movement, no advice of an identification.
+            assert!(stderr.starts_with("error"), "{command} --out {out}: {stderr}");
+        }
+    }
+    assert_eq!(std::fs::read_dir(bench.path("folder")).unwrap().count(), 0, "something was left behind");
+}
+
+#[test]
+fn recordings_too_short_or_without_motion_are_bad_files() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("run.csv", "short.csv", |text| text.lines().take(200).map(|line| format!("{line}\n")).collect());
+    bench.refused(BAD_FILE, "identify short.csv", &["short.csv", "199 samples", "500", "longer movement"]);
+    let still: String = (0..1500).map(|tick| format!("{tick},0,0,-61,0,-2.2,0.0\n")).collect();
+    std::fs::write(bench.path("still.csv"), format!("tick,ref2,ref3,err2,err3,cur2,cur3\n{still}")).unwrap();
+    bench.refused(BAD_FILE, "identify still.csv", &["joint 2", "travels only 0 counts", "larger movement"]);
+}
+
+#[test]
+fn a_current_that_does_not_fit_the_gain_is_told() {
+    let bench = Bench::new().with_recording();
+    let with_current = |change: fn(&str) -> String| {
+        bench.spoil("run.csv", "bad.csv", |text| {
+            let mut lines = text.lines();
+            lines.next();
+            let columns = |line: &str| {
+                let f: Vec<&str> = line.split(',').collect();
+                format!("{},{},{}\n", f[..5].join(","), change(f[5]), f[6])
+            };
+            let rows: String = lines.map(columns).collect();
+            format!("tick,ref2,ref3,err2,err3,cur2,cur3\n{rows}")
+        });
+        String::from_utf8(bench.run("calibrate bad.csv").stderr).unwrap()
+    };
+    let milliampere = with_current(|current| (1e3 * current.parse::<f64>().unwrap()).to_string());
+    assert!(milliampere.contains("cur2 over err2 is 36.") && milliampere.contains("ampere"), "{milliampere}");
+    let nothing = with_current(|_| "0".into());
+    assert!(nothing.contains("cur2 does not follow err2"), "{nothing}");
+    // Calibrating by it must not end in a gain of zero.
+    bench.refused(FAILED, "calibrate bad.csv --out zero.toml", &["joint 2", "correlate by 0.00", "current sensor"]);
+    assert!(!bench.path("zero.toml").exists());
+    let sound = with_current(|current| format!("{current}0"));
+    assert!(!sound.contains("cur2"), "{sound}");
+}
+
+#[test]
+fn files_of_another_robot_are_told() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("robot.toml", "other.toml", |text| text.replacen("name = \"PUMA", "name = \"Another PUMA", 1));
+    let stderr = String::from_utf8(bench.run("calibrate run.csv --robot other.toml").stderr).unwrap();
+    assert!(stderr.contains("run.toml: is of the robot \"PUMA 560"), "{stderr}");
+    bench.spoil("run.toml", "run.toml", |text| text.replace("name = \"3\"", "name = \"4\""));
+    for command in ["identify", "calibrate"] {
+        bench.refused(BAD_FILE, &format!("{command} run.csv"), &["run.toml", "2, 4", "2, 3", "robot file"]);
+    }
+}
+
+#[test]
+fn friction_in_another_unit_is_refused() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("robot.toml", "bad.toml", |text| {
+        text.replacen("coulomb_friction_nm = 0.124", "coulomb_friction_nm = 124", 1)
+    });
+    bench.refused(
+        BAD_FILE,
+        "calibrate run.csv --robot bad.toml",
+        &["bad.toml:", "coulomb_friction_nm", "124", "greatest torque", "unit"],
+    );
 }

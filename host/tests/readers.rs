@@ -296,7 +296,9 @@ fn files_read_back_as_written() {
         loop_period_s: Some(0.0007),
         seed: Some(7),
         partial: Some("the board went away".into()),
-        joint: vec![ManifestJoint { name: "2".into(), position_gain_a_per_count: 0.03, lead: 2.0 }],
+        joint: ["2", "3"]
+            .map(|name| ManifestJoint { name: name.into(), position_gain_a_per_count: 0.03, lead: 2.0 })
+            .to_vec(),
     });
     recording.path = folder.path().join("run.csv");
     recording.write(&recording.path, &robot).unwrap();

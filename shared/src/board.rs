@@ -24,8 +24,8 @@
 //! record tick; while a trajectory is being checked, up to a fifth of a loop period for that. All of it `f32`.
 //!
 //! Requests that count in `f64`, which a Cortex-M4 emulates, cost more than reading or switching: staging a model and
-//! beginning a movement some thousand cycles, which a loop period of 50 µs may not have to spare (estimated, to be
-//! measured); applying a configuration some ten thousand, and the last points of a spline some 70 operations a point,
+//! beginning a movement some ten thousand cycles, which a loop period of 50 µs does not have to spare; applying a
+//! configuration about a million (counted in an emulated chip), and the last points of a spline some 70 operations a point,
 //! both accepted only while the amplifiers are off, when a late tick matters to nobody.
 
 mod constants;

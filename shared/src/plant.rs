@@ -1,7 +1,7 @@
 //! The plant: arm and drives together, advanced by one step at a time. The same code on every number type.
 //!
-//! Two integrators share one velocity update. [`Plant::step`] is the implicit midpoint rule (two fixed-point passes)
-//! for a torque held over the step: exact to the rounding of the encoder at 0.7 ms. [`Plant::step_symplectic`] is
+//! Two integrators share one velocity update. [`PreparedPlant::step`] is the implicit midpoint rule (two fixed-point passes)
+//! for a torque held over the step: exact to the rounding of the encoder at 0.7 ms. [`PreparedPlant::step_symplectic`] is
 //! symplectic Euler, for the fast-loop emulation where the feedback itself changes within the step: it adds no
 //! damping of its own to the loop's nearly undamped modes.
 //!

@@ -15,9 +15,10 @@ use crate::drive::{Drive, mean_count};
 use crate::plant::{Plant, PreparedPlant, State};
 use crate::scalar::Scalar;
 
-/// Bandwidth of the state correction in Hz and its damping ratio (`explain.md`: 2·0.8·ω·Ts and ω²·Ts).
-const CORRECTION_HZ: f64 = 4.0;
-const CORRECTION_DAMPING: f64 = 0.8;
+/// Bandwidth of the state correction of [`Innovations`] in Hz.
+pub const CORRECTION_HZ: f64 = 4.0;
+/// Damping ratio of the state correction: the position takes over 2ζω·period of an innovation, the velocity ω²·period.
+pub const CORRECTION_DAMPING: f64 = 0.8;
 
 /// How a recording was sampled and how finely the model integrates it.
 #[derive(Clone, Copy, Debug, PartialEq)]

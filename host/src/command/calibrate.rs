@@ -9,7 +9,7 @@ use serde_json::json;
 use shared::control::PositionLoop;
 
 use super::CommandError;
-use super::common::{RobotArguments, advise, print, print_json, read_recordings};
+use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
 
 /// Arguments of `calibrate`.
 #[derive(Debug, Args)]
@@ -36,6 +36,10 @@ impl Calibrate {
         let recordings = read_recordings(&self.recordings, &robot, self.allow_gaps)?;
         for recording in &recordings {
             recording.check_periods(&robot)?;
+        }
+        if let Some(out) = &self.out {
+            // The robot file itself may be corrected in place; a recording must not be lost.
+            check_outputs([out.as_path()], with_sidecars(&self.recordings).iter().map(PathBuf::as_path))?;
         }
         let found = calibrate(&robot, &recordings)?;
         for joint in found.iter().filter(|joint| !joint.agrees) {

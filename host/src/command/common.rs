@@ -1,14 +1,14 @@
 //! Arguments and output that several commands share.
 
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use armid::board_setup;
 use armid::client::{Client, Pose};
 use armid::link::{self, Address};
 use armid::model::Model;
-use armid::recording::{ReadOptions, Recording};
+use armid::recording::{Manifest, ReadOptions, Recording};
 use armid::robot::Robot;
 use armid::trajectory_file;
 use clap::Args;
@@ -38,12 +38,8 @@ impl RobotArguments {
 
     /// The robot, to repeat recordings of its loop with: an unstable loop has none.
     pub fn read_for_simulation(&self) -> Result<Robot, CommandError> {
-        let robot = self.read()?;
-        robot.check_gains().map_err(|error| CommandError::Gains {
-            path: self.robot.as_ref().map_or_else(|| "robot".into(), |path| path.display().to_string()),
-            error,
-        })?;
-        Ok(robot)
+        let robot = self.robot.as_deref().map_or_else(|| Ok(Robot::paper()), Robot::read_for_repeating);
+        robot.map_err(CommandError::Repeating)
     }
 }
 
@@ -87,11 +83,11 @@ impl BoardArguments {
     }
 
     /// Connects, and makes the board ready to move `robot`.
-    pub fn connect_ready(&self, robot: &Robot) -> Result<(Client, Configuration), CommandError> {
+    pub fn connect_ready(&self, robot: &Robot) -> Result<Client, CommandError> {
         let configuration = board_setup::configuration(robot)?;
         let mut client = self.connect(robot)?;
         client.prepare(&configuration, self.pose(), self.clear_fault)?;
-        Ok((client, configuration))
+        Ok(client)
     }
 
     /// The seed, where it means something.
@@ -109,24 +105,67 @@ impl BoardArguments {
     }
 }
 
+/// The name of the paper's movement on the command line.
+const PAPER: &str = "paper";
+
+/// How long to stand before a movement where nothing is said: the start-up ringing has died away.
+const DEFAULT_SETTLE_S: f64 = 2.0;
+
+/// A movement that may be started.
+pub struct Prepared {
+    pub trajectory: Trajectory,
+    /// The movement in words.
+    pub name: String,
+    /// How long to stand at the start.
+    pub settle_ns: u64,
+    /// How near the movement comes to the robot's limits.
+    margins: Margins,
+}
+
+impl Prepared {
+    /// Shows the margins left to the robot's limits.
+    pub fn advise_margins(&self) {
+        for row in &self.margins.rows {
+            advise(row.to_string());
+        }
+    }
+}
+
 /// Which movement.
 #[derive(Clone, Debug, Args)]
 pub struct TrajectoryArguments {
     /// Movement: paper, or a file with [fourier] or [points]
-    #[arg(long, value_name = "paper|FILE", default_value = "paper")]
+    #[arg(long, value_name = "paper|FILE", default_value = PAPER)]
     pub trajectory: String,
     /// Period T of the paper's movement in s
     #[arg(long, value_name = "SECONDS", default_value_t = 3.65, allow_negative_numbers = true)]
     pub period: f64,
     /// How long to stand at the start before recording, in s
-    #[arg(long, value_name = "SECONDS", default_value_t = 2.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_SETTLE_S, allow_negative_numbers = true)]
     pub settle: f64,
 }
 
 impl TrajectoryArguments {
-    /// The movement, and its name in words.
-    pub fn read(&self) -> Result<(Trajectory, String), CommandError> {
-        if self.trajectory == "paper" {
+    /// The paper's movement of this period, as the command line's defaults have it.
+    pub fn paper(period_s: f64) -> Self {
+        Self { trajectory: PAPER.into(), period: period_s, settle: DEFAULT_SETTLE_S }
+    }
+
+    /// The movement, checked against the limits of `robot`.
+    pub fn prepare(&self, robot: &Robot) -> Result<Prepared, CommandError> {
+        let (trajectory, name) = self.read()?;
+        let settle_ns = self.settle_ns()?;
+        let margins = check_limits(&trajectory, robot, &board_setup::configuration(robot)?)?;
+        Ok(Prepared { trajectory, name, settle_ns, margins })
+    }
+
+    /// The file the movement is read from, if any.
+    pub fn file(&self) -> Option<&Path> {
+        (self.trajectory != PAPER).then(|| Path::new(&self.trajectory))
+    }
+
+    fn read(&self) -> Result<(Trajectory, String), CommandError> {
+        if self.trajectory == PAPER {
             let period_s = self.period;
             let trajectory = trajectory_file::paper(period_s)
                 .ok_or_else(|| CommandError::Usage(format!("--period {period_s} is not a positive time in s")))?;
@@ -135,8 +174,7 @@ impl TrajectoryArguments {
         Ok((trajectory_file::read(self.trajectory.as_ref())?, self.trajectory.clone()))
     }
 
-    /// How long to stand at the start, in ns.
-    pub fn settle_ns(&self) -> Result<u64, CommandError> {
+    fn settle_ns(&self) -> Result<u64, CommandError> {
         if (0.0..=60.0).contains(&self.settle) {
             return Ok((self.settle * 1e9) as u64);
         }
@@ -145,16 +183,59 @@ impl TrajectoryArguments {
 }
 
 /// The paper's movement in words.
-pub fn paper_name(period_s: f64) -> String {
+fn paper_name(period_s: f64) -> String {
     format!("paper, T = {period_s} s")
 }
 
 /// How near a movement comes to the robot's limits, or the limit it breaks.
-pub fn check_limits(trajectory: &Trajectory, robot: &Robot, limits: &Configuration) -> Result<Margins, CommandError> {
+fn check_limits(trajectory: &Trajectory, robot: &Robot, limits: &Configuration) -> Result<Margins, CommandError> {
     let counts_per_rad = [0, 1].map(|joint| robot.joints[joint].counts_per_rad() as f32);
     let record_period_ns = u64::from(limits.common.record_period_ns);
     shared::trajectory::check(trajectory, &limits.motion_limits, counts_per_rad, record_period_ns)
         .map_err(CommandError::Limit)
+}
+
+/// Makes sure, before the work is done, that its results can be written and that none would destroy what it is made of.
+///
+/// A recording's sidecar is an output, or an input, like the recording itself.
+pub fn check_outputs<'a, 'b>(
+    outputs: impl IntoIterator<Item = &'b Path>,
+    inputs: impl IntoIterator<Item = &'a Path>,
+) -> Result<(), CommandError> {
+    let whole = |path: &Path| path.canonicalize().ok();
+    let inputs: Vec<PathBuf> = inputs.into_iter().filter_map(whole).collect();
+    for output in outputs {
+        if whole(output).is_some_and(|output| inputs.contains(&output)) {
+            return Err(CommandError::Usage(format!(
+                "{} is read by this command and would be overwritten by its result; choose another --out",
+                output.display()
+            )));
+        }
+        armid::check_output(output)?;
+    }
+    Ok(())
+}
+
+/// A recording about to be written and its sidecar, neither of which may replace a file of another kind.
+pub fn check_recording_outputs<'a>(
+    recording: &Path,
+    inputs: impl IntoIterator<Item = &'a Path>,
+) -> Result<(), CommandError> {
+    let sidecar = Recording::manifest_path(recording);
+    check_outputs([recording, sidecar.as_path()], inputs)?;
+    if sidecar.is_file() && Manifest::read(&sidecar).is_err() {
+        return Err(CommandError::Usage(format!(
+            "{} exists and is no recording's manifest, but the manifest of {} would go there; choose another --out",
+            sidecar.display(),
+            recording.display()
+        )));
+    }
+    Ok(())
+}
+
+/// Recordings with their sidecars.
+pub fn with_sidecars(recordings: &[PathBuf]) -> Vec<PathBuf> {
+    recordings.iter().flat_map(|path| [path.clone(), Recording::manifest_path(path)]).collect()
 }
 
 /// Reads recordings, and passes on what the reader noticed.
@@ -165,6 +246,8 @@ pub fn read_recordings(paths: &[PathBuf], robot: &Robot, allow_gaps: bool) -> Re
         for note in &recording.notes {
             advise(format!("{}: {note}", path.display()));
         }
+        let made_with = recording.manifest.as_ref().map_or("", |manifest| &manifest.robot);
+        advise_other_robot(&Recording::manifest_path(path), made_with, robot);
         if let Some(reason) = recording.manifest.as_ref().and_then(|manifest| manifest.partial.as_ref()) {
             advise(format!("{}: only part of the movement ({reason})", path.display()));
         }
@@ -174,13 +257,26 @@ pub fn read_recordings(paths: &[PathBuf], robot: &Robot, allow_gaps: bool) -> Re
 }
 
 /// Reads the model file of a robot.
-pub fn read_model(path: &std::path::Path, robot: &Robot) -> Result<Model, CommandError> {
+pub fn read_model(path: &Path, robot: &Robot) -> Result<Model, CommandError> {
     let model = Model::read(path, robot)?;
+    let identified_on = model.provenance.get("robot").and_then(|name| name.as_str()).unwrap_or_default();
+    advise_other_robot(path, identified_on, robot);
     if !model.effects.is_empty() {
         let names: Vec<&str> = model.effects.iter().map(|effect| effect.name.as_str()).collect();
         advise(format!("{}: effects the board does not use: {}", path.display(), names.join(", ")));
     }
     Ok(model)
+}
+
+/// Tells that a file names another robot than the robot file. Names are free text: a doubt, not an error.
+fn advise_other_robot(path: &Path, named: &str, robot: &Robot) {
+    if !named.is_empty() && named != robot.name {
+        advise(format!(
+            "{}: is of the robot \"{named}\", but the robot file's name is \"{}\"; make sure that they belong together",
+            path.display(),
+            robot.name
+        ));
+    }
 }
 
 /// Writes a result to stdout. A reader that closed the pipe has what it wanted.

@@ -16,7 +16,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::calibrate::{calibrated, table as calibration_table};
-use super::common::{advise, check_limits, paper_name, print, print_json};
+use super::common::{TrajectoryArguments, advise, print, print_json};
 use super::run::Run;
 use super::{CommandError, drawing, identify, track};
 
@@ -24,8 +24,6 @@ use super::{CommandError, drawing, identify, track};
 const TRAINING_PERIODS_S: [f64; 2] = [3.65, 5.0];
 /// Period of the movement to track, in s: the paper's.
 const TRACKING_PERIOD_S: f64 = 3.65;
-/// How long to stand at the start of every movement.
-const SETTLE_NS: u64 = 2_000_000_000;
 
 /// Arguments of `demo`.
 #[derive(Debug, Args)]
@@ -115,18 +113,8 @@ impl Demo {
         mode: Mode,
         file: &str,
     ) -> Result<Recording, CommandError> {
-        let trajectory = armid::trajectory_file::paper(period_s)
-            .ok_or_else(|| CommandError::Usage(format!("{period_s} s is no period")))?;
-        check_limits(&trajectory, robot, &armid::board_setup::configuration(robot)?)?;
-        let run = Run {
-            robot,
-            trajectory: &trajectory,
-            trajectory_name: paper_name(period_s),
-            mode,
-            settle_ns: SETTLE_NS,
-            seed: Some(self.seed),
-            path: self.out.join(file),
-        };
+        let movement = TrajectoryArguments::paper(period_s).prepare(robot)?;
+        let run = Run { robot, movement: &movement, mode, seed: Some(self.seed), path: self.out.join(file) };
         let ran = run.on(client)?;
         ran.recording.write(&ran.recording.path, robot)?;
         ran.whole()

@@ -14,14 +14,9 @@ pub enum CommandError {
     /// A file.
     #[error(transparent)]
     File(#[from] FileError),
-    /// A position gain of a robot file that is not about to move anything is not stable.
-    #[error("{path}: {error}; correct the robot file")]
-    Gains {
-        /// The robot file.
-        path: String,
-        /// The gain and its limit.
-        error: armid::robot::UnsafeGain,
-    },
+    /// A robot file that is to explain recordings; nothing is about to move, so that none of its faults is unsafe.
+    #[error(transparent)]
+    Repeating(FileError),
     /// The robot cannot run on a board.
     #[error(transparent)]
     Setup(#[from] SetupError),
@@ -66,7 +61,10 @@ impl CommandError {
         const UNSAFE: u8 = 5;
         match self {
             Self::File(error) if error.is_unsafe() => UNSAFE,
-            Self::File(_) | Self::Gains { .. } => BAD_FILE,
+            Self::File(error) if error.is_about_output() => FAILED,
+            Self::File(_) | Self::Repeating(_) => BAD_FILE,
+            // What the recordings lack no other command line would bring.
+            Self::Identify(IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. }) => BAD_FILE,
             Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) => UNSAFE,
             Self::Setup(_) => BAD_FILE,
             Self::Session(error) => match error {

@@ -11,7 +11,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use super::common::{RobotArguments, advise, print, print_json, read_recordings};
+use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
 use super::{CommandError, progress};
 
 /// Arguments of `identify`.
@@ -53,6 +53,10 @@ impl Identify {
         for recording in recordings.iter().chain(&held_out) {
             recording.check_conditions(&robot)?;
         }
+        if let Some(out) = &self.out {
+            let inputs = [with_sidecars(&self.recordings), with_sidecars(&self.check)].concat();
+            check_outputs([out.as_path()], inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
+        }
         let options = Options { method: self.method, friction: self.friction, seed: self.seed };
         let found = with_progress(&robot, &recordings, &held_out, &options)?;
         let model = to_model(&robot, &recordings, &found, &options);
@@ -84,8 +88,9 @@ pub fn with_progress(
              the best fit is determined, not how far it is true",
         );
     }
-    for parameter in &found.not_identifiable {
-        advise(format!("{}: not identifiable from these recordings", parameter.name(robot)));
+    if !found.not_identifiable.is_empty() {
+        let names: Vec<String> = found.not_identifiable.iter().map(|parameter| parameter.name(robot)).collect();
+        advise(format!("not identifiable from these recordings: {}", names.join(", ")));
     }
     Ok(found)
 }
@@ -155,8 +160,7 @@ fn report(robot: &Robot, found: &Identification) -> String {
             Some(error) => (format!("{error:.3e}"), format!("{:.3} %", 100.0 * (error / value).abs())),
             None => ("–".into(), String::new()),
         };
-        let verdict =
-            if found.not_identifiable.contains(&parameter) { "not identifiable from these recordings" } else { "" };
+        let verdict = if found.not_identifiable.contains(&parameter) { "not identifiable" } else { "" };
         let name = parameter.name(robot);
         lines.push(format!("{name:<22} {value:>14.6} {error:>14}  {relative:>8} {verdict}").trim_end().to_string());
     }

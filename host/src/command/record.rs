@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::CommandError;
 use super::common::{
-    BoardArguments, RobotArguments, TrajectoryArguments, advise, check_limits, print, print_json, read_model,
+    BoardArguments, RobotArguments, TrajectoryArguments, check_recording_outputs, print, print_json, read_model,
 };
 use super::run::{Ran, Run};
 
@@ -61,24 +61,19 @@ impl From<Controller> for Mode {
 impl Record {
     pub fn run(&self) -> Result<(), CommandError> {
         let robot = self.robot.read_for_motion()?;
-        let (trajectory, trajectory_name) = self.trajectory.read()?;
-        let settle_ns = self.trajectory.settle_ns()?;
         let model = self.model.as_deref().map(|path| read_model(path, &robot)).transpose()?;
-        let configuration = armid::board_setup::configuration(&robot)?;
-        let margins = check_limits(&trajectory, &robot, &configuration)?;
-        for row in &margins.rows {
-            advise(row.to_string());
-        }
-        let (mut client, _) = self.board.connect_ready(&robot)?;
+        let movement = self.trajectory.prepare(&robot)?;
+        let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
+        check_recording_outputs(&self.out, inputs.into_iter().flatten())?;
+        movement.advise_margins();
+        let mut client = self.board.connect_ready(&robot)?;
         if let Some(model) = &model {
             client.upload(&armid::board_setup::board_model(&robot, model)?)?;
         }
         let run = Run {
             robot: &robot,
-            trajectory: &trajectory,
-            trajectory_name,
+            movement: &movement,
             mode: self.mode.into(),
-            settle_ns,
             seed: self.board.simulated_seed(),
             path: self.out.clone(),
         };

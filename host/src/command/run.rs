@@ -7,18 +7,15 @@ use armid::client::{Client, Movement, MovementPlan};
 use armid::recording::{Mode, Recording};
 use armid::robot::Robot;
 use shared::protocol::{ControlLaw, LimitsActive};
-use shared::trajectory::Trajectory;
 
-use super::common::advise;
+use super::common::{Prepared, advise};
 use super::{CommandError, progress};
 
 /// A movement to run.
 pub struct Run<'a> {
     pub robot: &'a Robot,
-    pub trajectory: &'a Trajectory,
-    pub trajectory_name: String,
+    pub movement: &'a Prepared,
     pub mode: Mode,
-    pub settle_ns: u64,
     pub seed: Option<u64>,
     /// Where the recording will go.
     pub path: PathBuf,
@@ -29,20 +26,20 @@ impl Run<'_> {
     ///
     /// A movement that ended early still gives its recording, marked as partial.
     pub fn on(&self, client: &mut Client) -> Result<Ran, CommandError> {
-        client.load_trajectory(self.trajectory)?;
+        client.load_trajectory(&self.movement.trajectory)?;
         let law = match self.mode {
             Mode::P => ControlLaw::Position,
             Mode::Ctc => ControlLaw::ComputedTorque,
         };
-        let plan = MovementPlan { law, settle_ns: self.settle_ns };
-        let mut show = progress::of_movement(&self.trajectory_name);
+        let plan = MovementPlan { law, settle_ns: self.movement.settle_ns };
+        let mut show = progress::of_movement(&self.movement.name);
         let movement = client.run(&plan, &mut show)?;
         report(&movement);
         let board = client.info().clone();
         let circumstances = Circumstances {
             robot: self.robot,
             mode: self.mode,
-            trajectory: self.trajectory_name.clone(),
+            trajectory: self.movement.name.clone(),
             board: &board,
             seed: self.seed,
         };

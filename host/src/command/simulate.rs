@@ -10,7 +10,9 @@ use clap::Args;
 use serde_json::json;
 
 use super::CommandError;
-use super::common::{RobotArguments, TrajectoryArguments, check_limits, print, print_json, read_model};
+use super::common::{
+    RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, print, print_json, read_model,
+};
 use super::record::Controller;
 use super::run::Run;
 
@@ -47,10 +49,14 @@ pub struct Simulate {
 impl Simulate {
     pub fn run(&self) -> Result<(), CommandError> {
         let robot = self.robot.read_for_motion()?;
-        let (trajectory, trajectory_name) = self.trajectory.read()?;
-        let settle_ns = self.trajectory.settle_ns()?;
+        let movement = self.trajectory.prepare(&robot)?;
         let configuration = armid::board_setup::configuration(&robot)?;
-        check_limits(&trajectory, &robot, &configuration)?;
+        let inputs = [&self.robot.robot, &self.model, &self.controller_model].map(Option::as_deref);
+        let inputs = || inputs.into_iter().chain([self.trajectory.file()]).flatten();
+        check_recording_outputs(&self.out, inputs())?;
+        if let Some(truth) = &self.truth {
+            check_outputs([truth.as_path()], inputs())?;
+        }
         let truth = match &self.model {
             Some(path) => HiddenRobot::from_model(&read_model(path, &robot)?),
             None => HiddenRobot::draw(&robot, self.seed),
@@ -70,10 +76,8 @@ impl Simulate {
         }
         let run = Run {
             robot: &robot,
-            trajectory: &trajectory,
-            trajectory_name,
+            movement: &movement,
             mode: self.mode.into(),
-            settle_ns,
             seed: Some(self.seed),
             path: self.out.clone(),
         };

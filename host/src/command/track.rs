@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::CommandError;
 use super::common::{
-    BoardArguments, RobotArguments, TrajectoryArguments, advise, check_limits, print, print_json, read_model,
+    BoardArguments, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, print, print_json, read_model,
 };
 use super::run::Run;
 
@@ -42,15 +42,17 @@ pub struct Track {
 impl Track {
     pub fn run(&self) -> Result<(), CommandError> {
         let robot = self.robot.read_for_motion()?;
-        let (trajectory, trajectory_name) = self.trajectory.read()?;
-        let settle_ns = self.trajectory.settle_ns()?;
         let model = self.model.as_deref().map(|path| read_model(path, &robot)).transpose()?;
-        let configuration = armid::board_setup::configuration(&robot)?;
-        let margins = check_limits(&trajectory, &robot, &configuration)?;
-        for row in &margins.rows {
-            advise(row.to_string());
+        let movement = self.trajectory.prepare(&robot)?;
+        let path = |mode: Mode| self.out.clone().unwrap_or_default().join(format!("{mode}.csv"));
+        if self.out.is_some() {
+            let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
+            for mode in [Mode::P, Mode::Ctc] {
+                check_recording_outputs(&path(mode), inputs.into_iter().flatten())?;
+            }
         }
-        let (mut client, _) = self.board.connect_ready(&robot)?;
+        movement.advise_margins();
+        let mut client = self.board.connect_ready(&robot)?;
         match &model {
             Some(model) => {
                 let receipt = client.upload(&armid::board_setup::board_model(&robot, model)?)?;
@@ -65,15 +67,8 @@ impl Track {
         }
         let mut recordings = Vec::new();
         for mode in [Mode::P, Mode::Ctc] {
-            let run = Run {
-                robot: &robot,
-                trajectory: &trajectory,
-                trajectory_name: trajectory_name.clone(),
-                mode,
-                settle_ns,
-                seed: self.board.simulated_seed(),
-                path: self.out.clone().unwrap_or_default().join(format!("{mode}.csv")),
-            };
+            let run =
+                Run { robot: &robot, movement: &movement, mode, seed: self.board.simulated_seed(), path: path(mode) };
             let ran = run.on(&mut client)?;
             if self.out.is_some() {
                 ran.recording.write(&ran.recording.path, &robot)?;

@@ -34,7 +34,7 @@ impl Upload {
             return Err(CommandError::Usage("give a model file".into()));
         };
         let model = read_model(path, &robot)?;
-        let (mut client, _) = self.board.connect_ready(&robot)?;
+        let mut client = self.board.connect_ready(&robot)?;
         let receipt = client.upload(&board_model(&robot, &model)?)?;
         let active = &receipt.active;
         let hexadecimal = |crc: u32| format!("{crc:08x}");

@@ -199,6 +199,11 @@ impl<'a> Experiment<'a> {
         ReplaySettings { timing: self.timing, quantised: self.robot.quantised, substeps }
     }
 
+    /// Whether the loop ran faster than the recording, so that most of its commands fell between the samples.
+    pub fn commands_are_missing(&self) -> bool {
+        self.timing.loop_is_faster_than_recording()
+    }
+
     /// Samples in all segments.
     pub fn samples(&self) -> usize {
         self.segments.iter().map(|s| s.error_counts.len()).sum()

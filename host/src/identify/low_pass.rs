@@ -1,4 +1,4 @@
-//! Zero-phase filters: the same for measured and simulated signals, so that they move neither in time.
+//! A zero-phase low-pass filter: the same for measured and simulated signals, so that it moves neither in time.
 
 use realfft::RealFftPlanner;
 
@@ -9,17 +9,12 @@ const ORDER: i32 = 8;
 /// 1/(1 + (f/f_c)^8), which is zero-phase. The ends are continued by odd reflection, so a signal that ends on a slope
 /// keeps it.
 pub fn low_pass(signal: &[f64], period_s: f64, cutoff_hz: f64) -> Vec<f64> {
-    // Three time constants of the filter ring out within the margin.
-    zero_phase(signal, period_s, 3.0 / cutoff_hz, |frequency_hz| 1.0 / (1.0 + (frequency_hz / cutoff_hz).powi(ORDER)))
-}
-
-/// `signal` with every frequency multiplied by `gain(frequency in Hz)`; `memory_s` is how long the filter rings.
-fn zero_phase(signal: &[f64], period_s: f64, memory_s: f64, gain: impl Fn(f64) -> f64) -> Vec<f64> {
     let length = signal.len();
     if length < 2 {
         return signal.to_vec();
     }
-    let margin = ((memory_s / period_s) as usize).clamp(1, length - 1);
+    // Three time constants of the filter ring out within the margin.
+    let margin = ((3.0 / (cutoff_hz * period_s)) as usize).clamp(1, length - 1);
     let (first, last) = (signal[0], signal[length - 1]);
     let mut padded = Vec::with_capacity(length + 2 * margin);
     padded.extend((1..=margin).rev().map(|k| 2.0 * first - signal[k]));
@@ -41,7 +36,7 @@ fn zero_phase(signal: &[f64], period_s: f64, memory_s: f64, gain: impl Fn(f64) -
     }
     for (bin, value) in spectrum.iter_mut().enumerate() {
         let frequency_hz = bin as f64 / (total as f64 * period_s);
-        *value *= gain(frequency_hz) / total as f64;
+        *value *= 1.0 / ((1.0 + (frequency_hz / cutoff_hz).powi(ORDER)) * total as f64);
     }
     if backward.process(&mut spectrum, &mut padded).is_err() {
         return signal.to_vec();

@@ -6,6 +6,7 @@ use shared::genetic::{Coding, Settings};
 use super::experiment::{Experiment, Fineness};
 use super::least_squares::{self, ITERATIONS, Problem, Series};
 use super::low_pass::low_pass;
+use super::noise::InnovationNoise;
 use super::parameters::{Parameter, Values};
 use super::search::{Generation, SearchBox, acceptable, search};
 use super::{IdentifyError, Progress, linear};
@@ -135,9 +136,11 @@ impl Run<'_> {
         let correlated = (CORRELATION_S / experiment.robot.record_period_s) as usize;
         let innovations =
             |candidate: &[f64]| -> Series { self.settled(experiment.innovations(&values.with(self.free, candidate))) };
-        let fit = self.solve(&values, &innovations, FINAL_TOLERANCE, &self.stage("innovations", done, total));
+        let step = self.stage("innovations", done, total);
+        let fit = self.solve(&values, &innovations, FINAL_TOLERANCE, &step);
         evaluations += fit.evaluations;
-        let lack_of_fit = lacks_something(&innovations(&fit.values));
+        let left = innovations(&fit.values);
+        let lack_of_fit = lacks_something(&left);
         let best = values.with(self.free, &fit.values);
 
         let (values, covariance) = if lack_of_fit {
@@ -153,9 +156,29 @@ impl Run<'_> {
                 self.problem(&best, &closed_loop, FINAL_TOLERANCE, &step, |p| p.covariance(&fit.values, correlated));
             (best.with(self.free, &fit.values), covariance)
         } else {
+            // Once more, every frequency now weighed by its own noise. The noise model is that of a held command: in a
+            // faster loop the rounding goes through the loop as well.
+            let joints = experiment.robot.joints.len();
+            let noise: Vec<InnovationNoise> = (0..joints)
+                .map(|joint| {
+                    let series = left.iter().skip(joint).step_by(joints).map(Vec::as_slice);
+                    let period_s = experiment.robot.record_period_s;
+                    if experiment.commands_are_missing() {
+                        InnovationNoise::rounding_alone(period_s)
+                    } else {
+                        InnovationNoise::of(series, period_s)
+                    }
+                })
+                .collect();
+            let whitened = |candidate: &[f64]| -> Series {
+                let series = innovations(candidate);
+                series.par_iter().enumerate().map(|(index, series)| noise[index % joints].whiten(series)).collect()
+            };
+            let fit = self.solve(&best, &whitened, FINAL_TOLERANCE, &step);
+            evaluations += fit.evaluations;
             let covariance =
-                self.problem(&best, &innovations, FINAL_TOLERANCE, &|_| (), |p| p.covariance(&fit.values, correlated));
-            (best, covariance)
+                self.problem(&best, &whitened, FINAL_TOLERANCE, &step, |p| p.covariance(&fit.values, correlated));
+            (best.with(self.free, &fit.values), covariance)
         };
         evaluations += 2 * self.free.len() + 1;
         let standard_errors: Vec<f64> = (0..self.free.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();

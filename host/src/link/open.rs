@@ -6,7 +6,7 @@ use super::{Link, LinkError, SerialLink, SimulatedBoard, TcpLink};
 use crate::robot::Robot;
 
 /// Baud rate of a serial line where none is given: what the firmware sets its USART to.
-const DEFAULT_BAUD: u32 = 921_600;
+const DEFAULT_BAUD: u32 = 1_000_000;
 
 /// Where a board is.
 #[derive(Clone, Debug, PartialEq, Eq)]

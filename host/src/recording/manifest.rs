@@ -107,6 +107,28 @@ impl Manifest {
         Ok(manifest)
     }
 
+    /// Accepts the manifest at `path` only if it is of the robot file's joints, in their order, or names none.
+    pub(super) fn check_joints(&self, path: &Path, robot: &Robot) -> Result<(), FileError> {
+        let list = |names: Vec<&str>| names.join(", ");
+        let noted = list(self.joint.iter().map(|joint| joint.name.as_str()).collect());
+        let expected = list(robot.joints.iter().map(|joint| joint.name.as_str()).collect());
+        if self.joint.is_empty() || noted == expected {
+            return Ok(());
+        }
+        Err(FileError {
+            path: path.to_path_buf(),
+            line: None,
+            problem: Problem::Value {
+                field: "the list of [[joint]] names".into(),
+                value: noted,
+                limit: format!("{expected} as in the robot file"),
+            },
+            remedy:
+                "use the robot file the recording was made with, or remove the manifest if it is another recording's"
+                    .into(),
+        })
+    }
+
     /// Accepts the manifest at `path` only if it names the robot file's periods, or none.
     pub(super) fn check_periods(&self, path: &Path, robot: &Robot) -> Result<(), FileError> {
         let periods = [
@@ -148,12 +170,7 @@ impl Manifest {
 
     /// Writes a sidecar.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
-        let text = toml::to_string(self).map_err(|error| FileError {
-            path: path.to_path_buf(),
-            line: None,
-            problem: Problem::Write(std::io::Error::other(error)),
-            remedy: "report this: a manifest can always be written".into(),
-        })?;
+        let text = toml::to_string(self).map_err(|error| FileError::not_serializable(path, error))?;
         atomic::write(path, text.as_bytes())
     }
 }

@@ -1,7 +1,8 @@
 //! Whether a recording's current can come from its error under the robot's position loop.
 //!
 //! Only what cannot be an ordinary wrong gain is refused here: a current that runs against its error, and joints that
-//! each fit the other's gain. A gain that is merely off is `calibrate`'s business.
+//! each fit the other's gain. A gain that is merely off, and a current that shows nothing, are told: `calibrate` sorts
+//! them out, but an identification would take the wrong gain for right.
 
 use super::Recording;
 use crate::file_error::{FileError, Problem};
@@ -13,10 +14,16 @@ const LEAST_ERROR_VARIATION_COUNTS: f64 = 5.0;
 const AGAINST: f64 = -0.5;
 /// A current that follows its law correlates at least this well with it.
 const FOLLOWS: f64 = 0.95;
+/// A gain this share away from the law's is another gain, or a current in another unit.
+const GAIN_OFF_SHARE: f64 = 0.05;
 
-pub(super) fn check(recording: &Recording, robot: &Robot) -> Result<(), FileError> {
-    let Some(loops) = recording.position_loops(robot) else { return Ok(()) };
-    let lag = usize::from(!robot.current_is_command);
+/// What is doubtful about the recording's current, in words; an error where it cannot be this robot's.
+pub(super) fn check(recording: &Recording, robot: &Robot) -> Result<Vec<String>, FileError> {
+    let mut doubts = Vec::new();
+    let Some(loops) = recording.position_loops(robot) else { return Ok(doubts) };
+    // The measured current shows the command of the loop's tick before; in a faster loop that is no recorded sample, and
+    // the one at the same instant is nearest.
+    let lag = usize::from(!robot.current_is_command && robot.loop_ticks_per_record() == 1);
     // The gain each joint's current shows, in units of the gain it should have; nothing where it cannot be told.
     let mut apparent_gain = Vec::new();
     for (joint, position_loop) in loops.iter().enumerate() {
@@ -45,10 +52,24 @@ pub(super) fn check(recording: &Recording, robot: &Robot) -> Result<(), FileErro
         }
         let told = moves && statistics.correlation > FOLLOWS;
         apparent_gain.push(told.then_some(statistics.slope * gain));
+        let name = &robot.joints[joint].name;
+        if told && (statistics.slope - 1.0).abs() > GAIN_OFF_SHARE {
+            doubts.push(format!(
+                "cur{name} over err{name} is {:.4} A/count, but the gain in force is given as {gain:.4}: with a wrong \
+                 gain every f and the friction are wrong by as much; check the unit (ampere) and run armid calibrate",
+                statistics.slope * gain
+            ));
+        } else if moves && !told {
+            doubts.push(format!(
+                "cur{name} does not follow err{name} (correlation {:.2}, expected above {FOLLOWS}): the gain cannot be \
+                 checked by it; check the columns' order and the current sensor",
+                statistics.correlation
+            ));
+        }
     }
-    let [first, second] = loops.as_slice() else { return Ok(()) };
+    let [first, second] = loops.as_slice() else { return Ok(doubts) };
     let (Some(Some(found_first)), Some(Some(found_second))) = (apparent_gain.first(), apparent_gain.get(1)) else {
-        return Ok(());
+        return Ok(doubts);
     };
     let near = |found: f64, gain: f64| (found / gain - 1.0).abs() < 0.05;
     let apart = (first.gain_a_per_count / second.gain_a_per_count - 1.0).abs() > 0.15;
@@ -66,7 +87,7 @@ pub(super) fn check(recording: &Recording, robot: &Robot) -> Result<(), FileErro
             remedy: "exchange the joints' columns, or the gains if the robot file has them the wrong way round".into(),
         });
     }
-    Ok(())
+    Ok(doubts)
 }
 
 struct Correlation {

@@ -12,14 +12,12 @@ const LARGEST_COUNT: f64 = 2_147_483_647.0;
 const LARGEST_CURRENT_A: f64 = 1e6;
 
 pub(super) fn read(path: &Path, robot: &Robot, options: ReadOptions) -> Result<Recording, FileError> {
-    let bytes = std::fs::read(path).map_err(|source| FileError {
-        path: path.to_path_buf(),
-        line: None,
-        problem: Problem::Read(source),
-        remedy: "check the path".into(),
-    })?;
+    let bytes = std::fs::read(path).map_err(|source| FileError::unreadable(path, source))?;
     let manifest_path = Recording::manifest_path(path);
     let manifest = if manifest_path.is_file() { Some(Manifest::read(&manifest_path)?) } else { None };
+    if let Some(manifest) = &manifest {
+        manifest.check_joints(&manifest_path, robot)?;
+    }
     from_bytes(path, &bytes, robot, options, manifest)
 }
 
@@ -129,7 +127,8 @@ pub(super) fn from_bytes(
             remedy: "record a whole movement".into(),
         });
     }
-    plausible::check(&recording, robot)?;
+    let doubts = plausible::check(&recording, robot)?;
+    recording.notes.extend(doubts);
     Ok(recording)
 }
 

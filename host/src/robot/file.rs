@@ -316,14 +316,25 @@ pub(super) fn read_for_motion(path: &Path) -> Result<Robot, FileError> {
             ));
         }
     }
+    check_gains(&text, &robot, &places, "nothing was moved")?;
+    Ok(robot)
+}
+
+pub(super) fn read_for_repeating(path: &Path) -> Result<Robot, FileError> {
+    let text = TomlText::read(path)?;
+    let (robot, places) = parse(&text)?;
+    check_gains(&text, &robot, &places, "no recording comes from an unstable loop: correct the robot file")?;
+    Ok(robot)
+}
+
+fn check_gains(text: &TomlText<'_>, robot: &Robot, places: &Places, remedy: &str) -> Result<(), FileError> {
     robot.check_gains().map_err(|error| {
         text.error(
             places.0.get(&(Some(error.index), "position_gain_a_per_count")).copied(),
             Problem::Unstable { joint: error.joint, source: error.source },
-            "nothing was moved",
+            remedy,
         )
-    })?;
-    Ok(robot)
+    })
 }
 
 /// Parses a robot file's bytes; `path` only names them in errors.

@@ -83,11 +83,11 @@ impl SampledLoop {
     ///
     /// The held command acts Td = period/2 + delay late on average, which takes G N/2π · Td from the viscous damping
     /// Bv, and lead β gives G N/2π · β·period back. So without enough lead G must stay below
-    /// `Bv 2π / (N (Td − β period))` (design §4; for β = 0 the well-known `Bv 2π / (N Td)`): [`Self::damping_limit`].
+    /// `Bv 2π / (N (Td − β period))` (design §4; for β = 0 the well-known `Bv 2π / (N Td)`).
     /// A lead also amplifies what is near the sampling frequency, which bounds G by the motor's inertia J: without
     /// friction and delay `G N/2π · period²/J < 2 (2β − 1)/(β (2β + 1))`. Where both matter neither formula holds
     /// (near Td = β period the first is infinite and the second zero), and a delay lowers the second, at 0.7 ms and
-    /// 30 µs by 6 %. So the limit is found on the exact sampled loop ([`UnitLoop`]), and never above the damping
+    /// 30 µs by 6 %. So the limit is found on the exact sampled loop, and never above the damping
     /// limit.
     ///
     /// Valid for delays up to one period; a longer one gets a limit of 0. Left out: flexibility of the joint, and the
