@@ -20,7 +20,7 @@ pub fn write(path: &Path, contents: &[u8]) -> Result<(), FileError> {
     })
 }
 
-/// Makes sure that [`write`] will be able to write `path`, before the work whose result goes there. Missing folders are
+/// Makes sure that [`write()`] will be able to write `path`, before the work whose result goes there. Missing folders are
 /// made.
 pub fn check(path: &Path) -> Result<(), FileError> {
     let failed = |source| FileError::unwritable(path, source);
