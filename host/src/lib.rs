@@ -20,6 +20,7 @@ pub mod file_error;
 pub mod hidden_robot;
 pub mod identified_model;
 pub mod identify;
+pub mod lanes;
 pub mod link;
 pub mod model;
 mod random;
