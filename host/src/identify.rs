@@ -7,7 +7,7 @@
 //!
 //! `full` goes the whole way; `paper` is the genetic algorithm alone, over the whole search range.
 
-pub mod batch;
+mod batch;
 mod experiment;
 mod least_squares;
 mod linear;
@@ -15,6 +15,8 @@ mod low_pass;
 mod noise;
 mod parameters;
 mod search;
+mod sensitivity;
+mod simulation;
 mod stages;
 
 use std::path::PathBuf;
@@ -22,10 +24,12 @@ use std::time::Instant;
 
 use shared::arm::ArmError;
 
+pub use batch::Precision;
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
 pub use parameters::{FrictionMode, Parameter, Values, free_parameters};
 pub use search::{Found, Generation, SearchBox, search};
+pub use sensitivity::{Columns, Residual};
 
 use crate::recording::Recording;
 use crate::robot::{Kind, Robot};

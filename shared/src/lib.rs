@@ -16,6 +16,7 @@ pub mod arm;
 pub mod board;
 pub mod control;
 pub mod drive;
+pub mod dual;
 pub mod genetic;
 pub mod plant;
 pub mod protocol;

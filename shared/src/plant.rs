@@ -70,6 +70,28 @@ impl<S: Scalar> Plant<S> {
         Self { arm: Arm { f, gravity_m_s2: zero }, drives: [drive, idle] }
     }
 
+    /// A plant in this number type: `number` is asked for every constant of it in turn, with a function that gives this
+    /// constant of a plain plant.
+    #[inline(always)]
+    pub fn from_constants(number: impl Fn(&dyn Fn(&Plant<f64>) -> f64) -> S) -> Self {
+        let drive = |joint: usize| Drive {
+            gear_ratio: number(&|plant| plant.drives[joint].gear_ratio),
+            counts_per_rev: number(&|plant| plant.drives[joint].counts_per_rev),
+            torque_constant_nm_per_a: number(&|plant| plant.drives[joint].torque_constant_nm_per_a),
+            current_limit_a: number(&|plant| plant.drives[joint].current_limit_a),
+            viscous_friction_nm_s_per_rad: number(&|plant| plant.drives[joint].viscous_friction_nm_s_per_rad),
+            coulomb_friction_nm: number(&|plant| plant.drives[joint].coulomb_friction_nm),
+            torque_offset_nm: number(&|plant| plant.drives[joint].torque_offset_nm),
+        };
+        Self {
+            arm: Arm {
+                f: core::array::from_fn(|index| number(&|plant| plant.arm.f[index])),
+                gravity_m_s2: number(&|plant| plant.arm.gravity_m_s2),
+            },
+            drives: [drive(0), drive(1)],
+        }
+    }
+
     /// Computes once what every step needs.
     pub fn prepare(&self) -> PreparedPlant<S> {
         let of = |value: fn(&Drive<S>) -> S| [value(&self.drives[0]), value(&self.drives[1])];

@@ -3,16 +3,17 @@
 use shared::control::{Cascade, Law, LawState, PositionLaw, SampledTiming};
 use shared::drive::{centre_of_count, mean_count};
 use shared::plant::State;
-use shared::replay::{ClosedLoop, ClosedLoopTick, Innovations, RecordedSample, ReplaySettings};
+use shared::replay::{ClosedLoopTick, ReplaySettings};
 
 use super::IdentifyError;
 use super::low_pass::low_pass;
 use super::parameters::Values;
+use super::simulation::Simulation;
 use crate::recording::Recording;
 use crate::robot::{self, Robot};
 
 /// Integration steps per record period of the innovations, the same for every candidate.
-const INNOVATION_SUBSTEPS: u32 = 4;
+pub(super) const INNOVATION_SUBSTEPS: u32 = 4;
 
 /// The longest integration step of a closed loop that is judged or fitted finely.
 const FINE_STEP_S: f64 = 5e-5;
@@ -43,7 +44,9 @@ pub struct Segment {
     pub reference_counts: Vec<[f64; 2]>,
     /// The reference as the model's loop takes it: the recorded one where the loop runs once a sample. A faster loop
     /// sees the reference between the samples too, so there it is freed from the rounding of its samples.
-    model_reference_counts: Vec<[f64; 2]>,
+    pub(super) model_reference_counts: Vec<[f64; 2]>,
+    /// Recorded motor position in counts, as truncated.
+    pub(super) actual_counts: Vec<[f64; 2]>,
     /// Recorded tracking error in counts.
     pub error_counts: Vec<[f64; 2]>,
     /// Motor position in counts: middle of the cell of the truncated count.
@@ -52,15 +55,7 @@ pub struct Segment {
     pub command_a: Vec<[f64; 2]>,
     /// Known motor torque beside the command in N m.
     pub added_torque_nm: Vec<[f64; 2]>,
-    start: State<f64>,
-}
-
-impl Segment {
-    /// Recorded minus modelled tracking error in counts at sample `k`: what the model's motor is ahead of the robot's.
-    fn difference(&self, k: usize, joint: usize, tick: &ClosedLoopTick<f64>) -> f64 {
-        let model_counts = self.model_reference_counts[k][joint] - tick.error_counts[joint];
-        model_counts - (self.reference_counts[k][joint] - self.error_counts[k][joint])
-    }
+    pub(super) start: State<f64>,
 }
 
 /// A robot, the recordings made on it, and how a model repeats them.
@@ -139,6 +134,7 @@ impl<'a> Experiment<'a> {
         Segment {
             reference_counts,
             model_reference_counts,
+            actual_counts: actual,
             error_counts,
             measured_counts,
             command_a,
@@ -185,17 +181,12 @@ impl<'a> Experiment<'a> {
         state
     }
 
-    /// The robot's laws as they are at the first sample of `segment`.
-    fn laws(&self, segment: &Segment) -> [LawState<f64>; 2] {
-        std::array::from_fn(|joint| {
-            let per_tick =
-                segment.start.velocity_rad_s[joint] * self.counts_per_rad(joint) * self.robot.record_period_s;
-            let error = segment.error_counts[0][joint];
-            LawState::moving(self.laws[joint], error, segment.reference_counts[0][joint] - error, per_tick)
-        })
+    /// The robot's laws.
+    pub(super) fn laws(&self) -> &[Law<f64>; 2] {
+        &self.laws
     }
 
-    fn settings(&self, substeps: u32) -> ReplaySettings {
+    pub(super) fn settings(&self, substeps: u32) -> ReplaySettings {
         ReplaySettings { timing: self.timing, quantised: self.robot.quantised, substeps }
     }
 
@@ -215,49 +206,47 @@ impl<'a> Experiment<'a> {
         skip.min(segment.error_counts.len())..segment.error_counts.len()
     }
 
-    fn closed_loop_substeps(&self, fineness: Fineness) -> u32 {
+    pub(super) fn closed_loop_substeps(&self, fineness: Fineness) -> u32 {
         match fineness {
             Fineness::Coarse => 1,
             Fineness::Fine => (self.robot.record_period_s / FINE_STEP_S - 1e-9).ceil() as u32,
         }
     }
 
+    fn simulation(&self, values: &Values) -> Simulation<'_, f64> {
+        Simulation { experiment: self, plant: values.plant(self.robot) }
+    }
+
     /// The model's closed-loop tracking error and command on a segment.
     pub fn closed_loop(&self, values: &Values, segment: &Segment, fineness: Fineness) -> Vec<ClosedLoopTick<f64>> {
-        let plant = values.plant(self.robot);
         let settings = self.settings(self.closed_loop_substeps(fineness));
-        let mut model = ClosedLoop::new(&plant, self.laws(segment), &settings, segment.start);
-        segment.model_reference_counts.iter().zip(&segment.added_torque_nm).map(|(&r, &t)| model.tick(r, t)).collect()
+        let mut ticks = Vec::with_capacity(segment.error_counts.len());
+        self.simulation(values).closed_loop(segment, &settings, |_, tick, _| ticks.push(*tick));
+        ticks
     }
 
     /// The paper's objective Y on all segments: the sum of squared differences between the recorded and the model's
     /// tracking errors, both joints, counts². NaN or infinite for a model that blows up.
     pub fn objective_counts2(&self, values: &Values) -> f64 {
-        let plant = values.plant(self.robot);
+        let simulation = self.simulation(values);
         let settings = self.settings(self.closed_loop_substeps(Fineness::Coarse));
         let mut sum = 0.0;
         for segment in &self.segments {
-            let mut model = ClosedLoop::new(&plant, self.laws(segment), &settings, segment.start);
-            for k in 0..segment.error_counts.len() {
-                let tick = model.tick(segment.model_reference_counts[k], segment.added_torque_nm[k]);
-                for joint in 0..self.robot.joints.len() {
-                    let difference = segment.difference(k, joint, &tick);
-                    sum += difference * difference;
-                }
-            }
+            simulation.closed_loop(segment, &settings, |_, _, difference| {
+                sum += difference.iter().take(self.robot.joints.len()).map(|x| x * x).sum::<f64>();
+            });
         }
         sum
     }
 
     /// Closed-loop differences, recorded minus modelled error in counts, per segment and joint.
     pub fn closed_loop_differences(&self, values: &Values, fineness: Fineness) -> Vec<[Vec<f64>; 2]> {
-        let difference = |segment: &Segment| {
-            let model = self.closed_loop(values, segment, fineness);
-            let of =
-                |joint: usize| model.iter().enumerate().map(|(k, tick)| segment.difference(k, joint, tick)).collect();
-            [of(0), of(1)]
+        let simulation = self.simulation(values);
+        let settings = self.settings(self.closed_loop_substeps(fineness));
+        let of = |segment: &Segment| {
+            columns(segment, |push| simulation.closed_loop(segment, &settings, |_, _, difference| push(difference)))
         };
-        self.segments.iter().map(difference).collect()
+        self.segments.iter().map(of).collect()
     }
 
     /// Root mean square of the closed-loop differences per joint of the robot, in counts.
@@ -267,23 +256,10 @@ impl<'a> Experiment<'a> {
 
     /// Innovations in counts, per segment and joint, at every sample.
     pub fn innovations(&self, values: &Values) -> Vec<[Vec<f64>; 2]> {
-        let plant = values.plant(self.robot);
+        let simulation = self.simulation(values);
         let settings = self.settings(INNOVATION_SUBSTEPS);
         let of = |segment: &Segment| {
-            let mut model = Innovations::new(&plant, self.laws(segment), &settings, segment.start);
-            let mut columns = [Vec::with_capacity(segment.error_counts.len()), Vec::new()];
-            columns[1].reserve(segment.error_counts.len());
-            for k in 0..segment.error_counts.len() {
-                let innovation = model.tick(&RecordedSample {
-                    reference_counts: segment.model_reference_counts[k],
-                    measured_counts: segment.measured_counts[k],
-                    command_a: segment.command_a[k],
-                    added_torque_nm: segment.added_torque_nm[k],
-                });
-                columns[0].push(innovation[0]);
-                columns[1].push(innovation[1]);
-            }
-            columns
+            columns(segment, |push| simulation.innovations(segment, &settings, |_, innovation| push(innovation)))
         };
         self.segments.iter().map(of).collect()
     }
@@ -320,6 +296,17 @@ impl<'a> Experiment<'a> {
         let differences: Vec<[Vec<f64>; 2]> = self.segments.iter().map(difference).collect();
         self.rms(&differences, |segment| self.settled(segment))
     }
+}
+
+/// Two columns as long as `segment`, filled by `fill` a pair at a time.
+fn columns(segment: &Segment, fill: impl FnOnce(&mut dyn FnMut([f64; 2]))) -> [Vec<f64>; 2] {
+    let samples = segment.error_counts.len();
+    let mut columns = [Vec::with_capacity(samples), Vec::with_capacity(samples)];
+    fill(&mut |pair| {
+        columns[0].push(pair[0]);
+        columns[1].push(pair[1]);
+    });
+    columns
 }
 
 /// The slope at the first of equally spaced `values` of the least-squares parabola through them, per sample.

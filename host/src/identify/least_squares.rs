@@ -1,7 +1,6 @@
 //! Levenberg–Marquardt on simulated residuals, and what the data say about the result.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 /// Residual series: each a stretch of samples in time order, so that their correlation in time can be estimated.
 pub type Series = Vec<Vec<f64>>;
@@ -10,8 +9,8 @@ pub type Series = Vec<Vec<f64>>;
 pub struct Problem<'a> {
     /// Residuals at parameter values; every call gives series of the same lengths. NaN where the model blows up.
     pub residuals: &'a (dyn Fn(&[f64]) -> Series + Sync),
-    /// Difference steps, absolute: small against each parameter's effect, large against rounding of the simulation.
-    pub steps: &'a [f64],
+    /// Derivatives of the residuals by each parameter at parameter values.
+    pub sensitivities: &'a (dyn Fn(&[f64]) -> Vec<Series> + Sync),
     /// Whether values describe something that can exist; refused candidates count as infinitely bad.
     pub acceptable: &'a (dyn Fn(&[f64]) -> bool + Sync),
     /// Relative improvement below which a step is the last.
@@ -38,22 +37,6 @@ fn cost(series: &Series) -> f64 {
 }
 
 impl Problem<'_> {
-    /// Central differences: one series set per parameter, per unit of the parameter's step.
-    fn jacobian(&self, values: &[f64]) -> Vec<Series> {
-        (0..values.len())
-            .into_par_iter()
-            .map(|index| {
-                let at = |sign: f64| {
-                    let mut moved = values.to_vec();
-                    moved[index] += sign * self.steps[index];
-                    (self.residuals)(&moved)
-                };
-                let (plus, minus) = rayon::join(|| at(1.0), || at(-1.0));
-                plus.iter().zip(&minus).map(|(p, m)| p.iter().zip(m).map(|(p, m)| 0.5 * (p - m)).collect()).collect()
-            })
-            .collect()
-    }
-
     /// Minimises the sum of squared residuals from `start`, damping each step by the scaled diagonal.
     pub fn solve(&self, start: &[f64]) -> Fit {
         let mut values = start.to_vec();
@@ -62,24 +45,24 @@ impl Problem<'_> {
         let mut evaluations = 1;
         let mut damping = 1e-3;
         for _ in 0..ITERATIONS {
-            let jacobian = self.jacobian(&values);
-            evaluations += 2 * values.len();
-            let normal = normal_matrix(&jacobian);
-            let gradient =
-                DVector::from_iterator(values.len(), jacobian.iter().map(|column| inner(column, &residuals)));
+            let sensitivities = (self.sensitivities)(&values);
+            evaluations += values.len();
+            let (normal, scale) = scaled_normal_matrix(&sensitivities);
+            let slopes = sensitivities.iter().zip(&scale).map(|(column, scale)| inner(column, &residuals) / scale);
+            let gradient = DVector::from_iterator(values.len(), slopes);
             let mut improved = false;
             let mut small = false;
             while damping < 1e9 {
                 let mut damped = normal.clone();
                 for i in 0..values.len() {
-                    damped[(i, i)] = damped[(i, i)] * (1.0 + damping) + f64::MIN_POSITIVE;
+                    damped[(i, i)] += damping;
                 }
                 let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else {
                     damping *= 10.0;
                     continue;
                 };
                 let candidate: Vec<f64> =
-                    values.iter().zip(step.iter()).zip(self.steps).map(|((v, s), h)| v - s * h).collect();
+                    values.iter().zip(step.iter()).zip(&scale).map(|((v, s), d)| v - s / d).collect();
                 let (series, value) = if (self.acceptable)(&candidate) {
                     let series = (self.residuals)(&candidate);
                     evaluations += 1;
@@ -113,13 +96,11 @@ impl Problem<'_> {
     /// noise has more; σ²(JᵀJ)⁻¹ would be wrong either way. Directions that the data do not determine come out with
     /// a huge variance, not with an error.
     pub fn covariance(&self, values: &[f64], correlated_samples: usize) -> DMatrix<f64> {
-        let jacobian = self.jacobian(values);
+        let sensitivities = (self.sensitivities)(values);
         let residuals = (self.residuals)(values);
         let count = values.len();
-        let bread = normal_matrix(&jacobian);
-        // Scale to a unit diagonal before inverting: the parameters differ by orders of magnitude.
-        let scale: Vec<f64> = (0..count).map(|i| bread[(i, i)].sqrt().max(f64::MIN_POSITIVE)).collect();
-        let eigen = DMatrix::from_fn(count, count, |i, j| bread[(i, j)] / (scale[i] * scale[j])).symmetric_eigen();
+        let (bread, scale) = scaled_normal_matrix(&sensitivities);
+        let eigen = bread.symmetric_eigen();
         let floor = eigen.eigenvalues.max() * 1e-14;
         let inverse = &eigen.eigenvectors
             * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.max(floor)))
@@ -127,7 +108,7 @@ impl Problem<'_> {
 
         let mut meat = DMatrix::<f64>::zeros(count, count);
         for (index, residual) in residuals.iter().enumerate() {
-            let columns: Vec<&[f64]> = jacobian.iter().map(|series| series[index].as_slice()).collect();
+            let columns: Vec<&[f64]> = sensitivities.iter().map(|series| series[index].as_slice()).collect();
             let score = |k: usize| {
                 DVector::from_iterator(count, columns.iter().zip(&scale).map(|(c, s)| c[k] * residual[k] / s))
             };
@@ -145,7 +126,7 @@ impl Problem<'_> {
             }
         }
         let scaled = &inverse * meat * &inverse;
-        DMatrix::from_fn(count, count, |i, j| scaled[(i, j)] * self.steps[i] * self.steps[j] / (scale[i] * scale[j]))
+        DMatrix::from_fn(count, count, |i, j| scaled[(i, j)] / (scale[i] * scale[j]))
     }
 }
 
@@ -153,17 +134,20 @@ fn inner(a: &Series, b: &Series) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>()).sum()
 }
 
-fn normal_matrix(jacobian: &[Series]) -> DMatrix<f64> {
-    let count = jacobian.len();
+/// JᵀJ with a unit diagonal, and what each column of J was divided by: the parameters differ by orders of magnitude.
+fn scaled_normal_matrix(sensitivities: &[Series]) -> (DMatrix<f64>, Vec<f64>) {
+    let count = sensitivities.len();
+    let scale: Vec<f64> =
+        sensitivities.iter().map(|column| inner(column, column).sqrt().max(f64::MIN_POSITIVE)).collect();
     let mut normal = DMatrix::zeros(count, count);
     for i in 0..count {
         for j in i..count {
-            let value = inner(&jacobian[i], &jacobian[j]);
+            let value = inner(&sensitivities[i], &sensitivities[j]) / (scale[i] * scale[j]);
             normal[(i, j)] = value;
             normal[(j, i)] = value;
         }
     }
-    normal
+    (normal, scale)
 }
 
 #[cfg(test)]
@@ -179,9 +163,10 @@ mod tests {
     fn finds_the_minimum_of_a_linear_problem_in_few_steps() {
         let noise = vec![3.0; 500];
         let residuals = |values: &[f64]| line(values, &noise);
+        let sensitivities = |_: &[f64]| [[1.0, 0.0], [0.0, 1.0]].map(|values| line(&values, &[0.0; 500])).to_vec();
         let problem = Problem {
             residuals: &residuals,
-            steps: &[1e-3, 1e-3],
+            sensitivities: &sensitivities,
             acceptable: &|_| true,
             tolerance: 1e-9,
             progress: &|_| (),
@@ -209,7 +194,7 @@ mod tests {
                 let residuals = |values: &[f64]| vec![noise.iter().map(|n| values[0] - n).collect()];
                 let problem = Problem {
                     residuals: &residuals,
-                    steps: &[1e-3],
+                    sensitivities: &|_| vec![vec![vec![1.0; noise.len()]]],
                     acceptable: &|_| true,
                     tolerance: 1e-9,
                     progress: &|_| (),

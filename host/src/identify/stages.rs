@@ -9,6 +9,7 @@ use super::low_pass::low_pass;
 use super::noise::InnovationNoise;
 use super::parameters::{Parameter, Values};
 use super::search::{Generation, SearchBox, acceptable, search};
+use super::sensitivity::{Columns, Residual};
 use super::{IdentifyError, Progress, linear};
 use crate::robot::Kind;
 
@@ -46,6 +47,13 @@ pub struct Outcome {
     pub evaluations: usize,
     /// The genetic algorithm's course.
     pub generations: Vec<Generation>,
+}
+
+/// A residual and what is done to it, and to its sensitivities alike, before it is fitted.
+struct Prepared<'a> {
+    which: Residual,
+    /// Linear, or the sensitivities of the outcome would be others.
+    prepare: &'a (dyn Fn(Columns) -> Series + Sync),
 }
 
 /// One identification under way.
@@ -96,12 +104,11 @@ impl Run<'_> {
         for (rung, cutoff_hz) in LADDER_HZ.into_iter().enumerate() {
             let step = self.stage("filter ladder", rung * ITERATIONS, total);
             let period_s = experiment.robot.record_period_s;
-            let residuals = |candidate: &[f64]| -> Series {
-                let values = values.with(self.free, candidate);
-                let differences = experiment.closed_loop_differences(&values, Fineness::Coarse);
-                self.series(differences).into_par_iter().map(|s| low_pass(&s, period_s, cutoff_hz)).collect()
+            let smooth = |columns: Columns| -> Series {
+                self.series(columns).into_iter().map(|s| low_pass(&s, period_s, cutoff_hz)).collect()
             };
-            let fit = self.solve(&values, &residuals, RUNG_TOLERANCE, &step);
+            let residual = Prepared { which: Residual::ClosedLoop(Fineness::Coarse), prepare: &smooth };
+            let fit = self.solve(&values, &residual, RUNG_TOLERANCE, &step);
             values = values.with(self.free, &fit.values);
             evaluations += fit.evaluations;
         }
@@ -134,21 +141,19 @@ impl Run<'_> {
 
         let done = LADDER_HZ.len() * ITERATIONS + searched;
         let correlated = (CORRELATION_S / experiment.robot.record_period_s) as usize;
-        let innovations =
-            |candidate: &[f64]| -> Series { self.settled(experiment.innovations(&values.with(self.free, candidate))) };
+        let settled = |columns: Columns| self.settled(columns);
+        let innovations = Prepared { which: Residual::Innovations, prepare: &settled };
         let step = self.stage("innovations", done, total);
         let fit = self.solve(&values, &innovations, FINAL_TOLERANCE, &step);
         evaluations += fit.evaluations;
-        let left = innovations(&fit.values);
-        let lack_of_fit = lacks_something(&left);
         let best = values.with(self.free, &fit.values);
+        let left = settled(experiment.innovations(&best));
+        let lack_of_fit = lacks_something(&left);
 
         let (values, covariance) = if lack_of_fit {
             // Where the model lacks something no estimate is the true one. The best is then the one that repeats the
             // tracking errors best, which is what the paper's Y asks for.
-            let closed_loop = |candidate: &[f64]| -> Series {
-                self.settled(experiment.closed_loop_differences(&best.with(self.free, candidate), Fineness::Fine))
-            };
+            let closed_loop = Prepared { which: Residual::ClosedLoop(Fineness::Fine), prepare: &settled };
             let step = self.stage("closed loop", done, total);
             let fit = self.solve(&best, &closed_loop, FINAL_TOLERANCE, &step);
             evaluations += fit.evaluations;
@@ -170,17 +175,18 @@ impl Run<'_> {
                     }
                 })
                 .collect();
-            let whitened = |candidate: &[f64]| -> Series {
-                let series = innovations(candidate);
-                series.par_iter().enumerate().map(|(index, series)| noise[index % joints].whiten(series)).collect()
+            let whiten = |columns: Columns| -> Series {
+                let series = settled(columns);
+                series.iter().enumerate().map(|(index, series)| noise[index % joints].whiten(series)).collect()
             };
+            let whitened = Prepared { which: Residual::Innovations, prepare: &whiten };
             let fit = self.solve(&best, &whitened, FINAL_TOLERANCE, &step);
             evaluations += fit.evaluations;
             let covariance =
                 self.problem(&best, &whitened, FINAL_TOLERANCE, &step, |p| p.covariance(&fit.values, correlated));
             (best.with(self.free, &fit.values), covariance)
         };
-        evaluations += 2 * self.free.len() + 1;
+        evaluations += self.free.len() + 1;
         let standard_errors: Vec<f64> = (0..self.free.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
         let correlation = |i: usize, j: usize| covariance[(i, j)] / (standard_errors[i] * standard_errors[j]);
         let correlations =
@@ -217,33 +223,36 @@ impl Run<'_> {
     fn solve(
         &self,
         values: &Values,
-        residuals: &(dyn Fn(&[f64]) -> Series + Sync),
+        residual: &Prepared,
         tolerance: f64,
         step: &(dyn Fn(f64) + Sync),
     ) -> least_squares::Fit {
-        self.problem(values, residuals, tolerance, step, |problem| problem.solve(&values.of(self.free)))
+        self.problem(values, residual, tolerance, step, |problem| problem.solve(&values.of(self.free)))
     }
 
     fn problem<T>(
         &self,
         values: &Values,
-        residuals: &(dyn Fn(&[f64]) -> Series + Sync),
+        residual: &Prepared,
         tolerance: f64,
         step: &(dyn Fn(f64) + Sync),
         work: impl FnOnce(&Problem) -> T,
     ) -> T {
-        let steps: Vec<f64> = self.free.iter().map(|&parameter| self.difference_step(parameter, values)).collect();
-        let acceptable = |candidate: &[f64]| acceptable(self.experiment, &values.with(self.free, candidate));
-        work(&Problem { residuals, steps: &steps, acceptable: &acceptable, tolerance, progress: step })
-    }
-
-    /// A thousandth of what the parameter usually is: far above the simulation's rounding, far below its curvature.
-    fn difference_step(&self, parameter: Parameter, values: &Values) -> f64 {
-        let [low, high] = self.range(parameter, values);
-        match parameter {
-            Parameter::F(_) => 2e-4 * (high - low),
-            _ => 1e-3 * 0.5 * (high - low),
-        }
+        let experiment = self.experiment;
+        let at = |candidate: &[f64]| values.with(self.free, candidate);
+        let residuals = |candidate: &[f64]| (residual.prepare)(experiment.residual(&at(candidate), residual.which));
+        let sensitivities = |candidate: &[f64]| -> Vec<Series> {
+            let columns = experiment.sensitivities(&at(candidate), self.free, residual.which);
+            columns.into_par_iter().map(residual.prepare).collect()
+        };
+        let acceptable = |candidate: &[f64]| acceptable(experiment, &at(candidate));
+        work(&Problem {
+            residuals: &residuals,
+            sensitivities: &sensitivities,
+            acceptable: &acceptable,
+            tolerance,
+            progress: step,
+        })
     }
 
     /// The range a parameter lies in: the robot file's for f of an arm, otherwise around what is known.

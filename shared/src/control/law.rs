@@ -54,6 +54,24 @@ pub enum Law<S> {
     Cascade(Cascade<S>),
 }
 
+impl Law<f64> {
+    /// The same law in another number type.
+    pub fn map<S>(&self, number: impl Fn(f64) -> S) -> Law<S> {
+        match self {
+            Self::Proportional(law) => Law::Proportional(PositionLoop {
+                gain_a_per_count: number(law.gain_a_per_count),
+                lead: number(law.lead),
+            }),
+            Self::Cascade(law) => Law::Cascade(Cascade {
+                position_gain_per_s: number(law.position_gain_per_s),
+                velocity_gain: number(law.velocity_gain),
+                counts_per_unit: number(law.counts_per_unit),
+                period_s: number(law.period_s),
+            }),
+        }
+    }
+}
+
 /// A law with its memory: the actual counts of the last two ticks and the last error.
 #[derive(Clone, Copy, Debug)]
 pub struct LawState<S> {
