@@ -29,7 +29,7 @@ use crate::{
     currents::{Amplifiers, MeasuredCurrents},
     encoders::Encoders,
     interrupt_owned::InterruptOwned,
-    link::ControlEnd,
+    link::{ControlEnd, ExaminedRequest},
     timing::Stopwatch,
 };
 
@@ -140,13 +140,18 @@ impl Running {
         }
     }
 
-    /// At most one request a period, after the outputs: what a host asks for never delays the arm.
+    /// At most one request a period, after the outputs: what a host asks for never delays the arm. None where the last
+    /// run was too long: requests that take several periods, possible while the amplifiers are off, then leave the
+    /// tasks a period in between, the one that feeds the watchdog among them.
     fn answer(&mut self) {
         let control = &mut self.control;
-        let Some(message) = control.serial.request() else { return };
+        if self.deadline_missed {
+            return;
+        }
+        let Some(ExaminedRequest { message, findings }) = control.serial.request() else { return };
         control.board.report_timing(control.stopwatch.timing());
         control.board.report_link(Link::Serial, control.serial.counters());
-        let reply = control.board.handle(Link::Serial, message.sequence, &message.request);
+        let reply = control.board.handle_examined(Link::Serial, message.sequence, &message.request, findings);
         control.serial.answer(reply);
     }
 

@@ -18,7 +18,7 @@ use embassy_sync::{blocking_mutex::raw::CriticalSectionRawMutex, signal::Signal}
 use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
 use shared::{
-    board::Telemetry,
+    board::{Findings, Telemetry},
     protocol::{
         BoardMessage, Decoder, Event, FrameError, HostMessage, LinkCounters, MAX_FRAME, PROTOCOL_VERSION, Reply,
         encode_board_message,
@@ -27,11 +27,19 @@ use shared::{
 
 /// One link, in static memory. A queue of N holds N - 1.
 pub struct Link {
-    requests: Queue<HostMessage, 4>,
+    requests: Queue<ExaminedRequest, 4>,
     replies: Queue<(u32, Reply), 4>,
     events: Queue<Event, 8>,
     /// 44 ms of rows at 0.7 ms: as long as a host may look away without losing one on the way.
     telemetry: Queue<Telemetry, 64>,
+}
+
+/// A request with what the receiving task found out about it, so that the interrupt need not.
+pub struct ExaminedRequest {
+    /// The request.
+    pub message: HostMessage,
+    /// What follows from it alone.
+    pub findings: Findings,
 }
 
 /// What the interrupt and the tasks of one link count, and how they wake each other.
@@ -83,7 +91,7 @@ impl Link {
 
 /// The control interrupt's end.
 pub struct ControlEnd {
-    requests: Consumer<'static, HostMessage>,
+    requests: Consumer<'static, ExaminedRequest>,
     replies: Producer<'static, (u32, Reply)>,
     events: Producer<'static, Event>,
     telemetry: Producer<'static, Telemetry>,
@@ -93,13 +101,16 @@ pub struct ControlEnd {
 impl ControlEnd {
     /// The next request, if there is one and room for its reply. It stays where it is: copying it would take longer
     /// than a control tick.
-    pub fn request(&self) -> Option<&HostMessage> {
+    pub fn request(&self) -> Option<&ExaminedRequest> {
         if self.replies.ready() { self.requests.peek() } else { None }
     }
 
     /// Answers the request seen last, which is done with then.
     pub fn answer(&mut self, reply: Reply) {
-        let Some(HostMessage { sequence, .. }) = self.requests.dequeue() else { return };
+        let Some(request) = self.requests.peek() else { return };
+        let sequence = request.message.sequence;
+        // Not moved out of its place, only given up: copying it would take longer than the rest.
+        self.requests.dequeue();
         if self.replies.enqueue((sequence, reply)).is_err() {
             count(&self.state.replies_dropped);
         }
@@ -136,7 +147,7 @@ impl ControlEnd {
 /// The receiving task's end.
 pub struct ReceiveEnd {
     decoder: Decoder,
-    requests: Producer<'static, HostMessage>,
+    requests: Producer<'static, ExaminedRequest>,
     state: &'static LinkState,
 }
 
@@ -146,10 +157,11 @@ impl ReceiveEnd {
         for &byte in bytes {
             match self.decoder.host_message(byte) {
                 None => {}
-                Some(Ok(mut message)) => {
+                Some(Ok(message)) => {
                     count(&self.state.received);
-                    while let Err(refused) = self.requests.enqueue(message) {
-                        message = refused;
+                    let mut request = ExaminedRequest { findings: Findings::of(&message.request), message };
+                    while let Err(refused) = self.requests.enqueue(request) {
+                        request = refused;
                         Timer::after_micros(100).await;
                     }
                 }

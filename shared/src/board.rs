@@ -30,6 +30,7 @@
 
 mod constants;
 mod encoders;
+mod findings;
 mod motion;
 mod parameters;
 mod path;
@@ -41,9 +42,10 @@ mod trajectory_check;
 
 use crate::protocol::{
     BoardIdentity, Configuration, EndedBy, Event, Fault, Link, LinkCounters, Mode, Model, ModelSlot, PackedSample,
-    Refusal, Sample, Timing,
+    Refusal, Request, Sample, Timing,
 };
 use encoders::Encoders;
+pub use findings::Findings;
 use motion::{Motion, Tick};
 use parameters::{Change, Parameters};
 use recording::Recording;
@@ -157,8 +159,10 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
     pub fn restore(&mut self, configuration: &Configuration, model: Option<&Model>) -> Result<(), Refusal> {
         self.parameters.apply(configuration)?;
         if let Some(model) = model {
-            self.parameters.stage_model(model, model.crc())?;
-            self.parameters.commit_model(model.crc())?;
+            let crc = model.crc();
+            let findings = Findings::of(&Request::StageModel { model: *model, crc });
+            self.parameters.stage_model(model, crc, &findings)?;
+            self.parameters.commit_model(crc)?;
         }
         self.parameters.revision = 0;
         Ok(())
@@ -179,7 +183,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     constants,
                     position_counts: self.encoders.position_counts(),
                     jump,
-                    trajectory: self.trajectories.accepted().map(|(trajectory, _)| trajectory),
+                    trajectory: self.trajectories.accepted(),
                 };
                 match self.motion.step(&tick) {
                     Ok(step) => {
@@ -203,8 +207,9 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     }
                 }
             }
-            if !self.motion.mode().is_moving() {
-                self.trajectories.advance_check(constants);
+            let mode = self.motion.mode();
+            if !mode.is_moving() {
+                self.trajectories.advance_check(constants, mode.is_powered());
             }
         } else {
             // Without constants there is no limit to call a change a jump.
@@ -233,7 +238,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
 
     /// The active model, to be kept over a restart.
     pub fn active_model(&self) -> Option<&Model> {
-        self.parameters.model(ModelSlot::Active)
+        self.parameters.model(ModelSlot::Active).map(|held| &held.model)
     }
 
     /// Counts up with every change of [`Self::configuration`] or [`Self::active_model`], from 0 after a start or a

@@ -65,20 +65,30 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Recording<R> {
         }
     }
 
-    /// Rows from `from` on, at most `count` and at most a frame of them. Takes at most `stride` unpackings more.
+    /// Rows from `from` on, at most `count` and at most a frame of them. Looks at half of `stride` rows more at most.
     pub(super) fn read(&self, from: u32, count: u16) -> RecordingRows {
         let mut answer =
             RecordingRows { movement: self.info.movement, from, first_reference_counts: [0; 2], rows: Vec::new() };
         let recorded = self.rows.as_ref().get(..self.info.rows as usize).unwrap_or(&[]);
         let first = from as usize;
-        let checkpoint = first / self.stride;
-        let (Some(wanted), Some(&near)) = (recorded.get(first..), self.checkpoints.get(checkpoint)) else {
-            return answer;
-        };
+        let Some(wanted) = recorded.get(first..).filter(|wanted| !wanted.is_empty()) else { return answer };
         let count = usize::from(count).min(ROWS_PER_FRAME).min(wanted.len());
-        answer.rows.extend(wanted.iter().copied().take(count));
-        let up_to_first = recorded.get(checkpoint * self.stride..=first).unwrap_or(&[]);
-        answer.first_reference_counts = up_to_first.iter().fold(near, |near, row| row.unpack(0, near).reference_counts);
+        for row in wanted.iter().take(count) {
+            // Always room: the answer holds as many as a frame.
+            let _ = answer.rows.push(*row);
+        }
+        // From the nearest checkpoint, whichever side it is on: a reference is found from either neighbour's.
+        let near = (first + self.stride / 2) / self.stride;
+        let checkpoint = if near * self.stride < recorded.len() { near } else { first / self.stride };
+        let start = checkpoint * self.stride;
+        let mut reference_counts = self.checkpoints.get(checkpoint).copied().unwrap_or_default();
+        let mut pass = |row: &PackedSample| reference_counts = row.reference_counts(reference_counts);
+        if start <= first {
+            recorded.get(start..=first).unwrap_or(&[]).iter().for_each(&mut pass);
+        } else {
+            recorded.get(first..start).unwrap_or(&[]).iter().rev().for_each(&mut pass);
+        }
+        answer.first_reference_counts = reference_counts;
         answer
     }
 }
