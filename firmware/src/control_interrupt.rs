@@ -148,11 +148,13 @@ impl Running {
         if self.deadline_missed {
             return;
         }
-        let Some(ExaminedRequest { message, findings }) = control.serial.request() else { return };
-        control.board.report_timing(control.stopwatch.timing());
-        control.board.report_link(Link::Serial, control.serial.counters());
-        let reply = control.board.handle_examined(Link::Serial, message.sequence, &message.request, findings);
-        control.serial.answer(reply);
+        let Control { board, serial, stopwatch, .. } = control;
+        let counters = serial.counters();
+        serial.answer_next(|ExaminedRequest { message, findings }, reply| {
+            board.report_timing(stopwatch.timing());
+            board.report_link(Link::Serial, counters);
+            board.answer(Link::Serial, message.sequence, &message.request, findings, reply);
+        });
     }
 
     /// A new configuration can bring another loop period.

@@ -19,23 +19,26 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
     /// A request with the number of the link's last one is not carried out again, but answered again; an older one, or
     /// one before [`Request::Hello`], is refused. Every request that gets here keeps the link alive.
     pub fn handle(&mut self, link: Link, sequence: u32, request: &Request) -> Reply {
-        self.handle_examined(link, sequence, request, &Findings::of(request))
+        let mut reply = Reply::Done;
+        self.answer(link, sequence, request, &Findings::of(request), &mut reply);
+        reply
     }
 
-    /// [`Self::handle`] for a request that was examined before: what is left takes the board no longer than a control
-    /// tick has room for, where the request is possible while the amplifiers are on. `findings` must be those of
-    /// `request`.
-    pub fn handle_examined(&mut self, link: Link, sequence: u32, request: &Request, findings: &Findings) -> Reply {
+    /// [`Self::handle`] for the control interrupt: of a request that was examined before, into the place from which the
+    /// reply is sent. What is left takes no longer than a control tick has room for, where the request is possible while
+    /// the amplifiers are on. `findings` must be those of `request`.
+    pub fn answer(&mut self, link: Link, sequence: u32, request: &Request, findings: &Findings, reply: &mut Reply) {
         self.motion.heard(link);
         if let &Request::Hello { protocol_version: host } = request {
             if host != PROTOCOL_VERSION {
                 self.session(link).close();
                 let firmware_version = self.identity.firmware_version.clone();
-                return Reply::WrongVersion { board: PROTOCOL_VERSION, host, firmware_version };
+                *reply = Reply::WrongVersion { board: PROTOCOL_VERSION, host, firmware_version };
+                return;
             }
             // Done afresh every time: it changes nothing but the link's own number.
             self.session(link).answered(sequence, Outcome::Done);
-            return self.reply(request);
+            return self.report(request, reply);
         }
         let outcome = match self.session(link).outcome_without_doing(sequence) {
             Some(outcome) => outcome,
@@ -46,9 +49,9 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             }
         };
         match outcome {
-            Outcome::Done => self.reply(request),
-            Outcome::Started { movement, approach_ns, rows } => Reply::Started { movement, approach_ns, rows },
-            Outcome::Refused(refusal) => Reply::Refused(refusal),
+            Outcome::Done => self.report(request, reply),
+            Outcome::Started { movement, approach_ns, rows } => *reply = Reply::Started { movement, approach_ns, rows },
+            Outcome::Refused(refusal) => *reply = Reply::Refused(refusal),
         }
     }
 
@@ -73,17 +76,18 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         }
     }
 
-    /// What a request that was carried out is answered with: the state it asks about, as it is now.
-    fn reply(&self, request: &Request) -> Reply {
+    /// Answers a request that was carried out: with the state it asks about, as it is now. Each reply is made where it
+    /// is to be; a copy of one costs as much as a law of control.
+    fn report(&self, request: &Request, reply: &mut Reply) {
         match request {
-            Request::Hello { .. } => Reply::Info(self.info()),
-            Request::Status => Reply::Status(self.status()),
-            Request::LoadTrajectory(_) | Request::ReadTrajectory => Reply::Trajectory(self.trajectories.state()),
-            Request::RecordingInfo => Reply::Recording(self.recording.info()),
-            &Request::ReadRecording { from, count } => Reply::Rows(self.recording.read(from, count)),
-            Request::StageModel { .. } => self.model(ModelSlot::Staged),
-            Request::CommitModel { .. } => self.model(ModelSlot::Active),
-            &Request::ReadModel(slot) => self.model(slot),
+            Request::Hello { .. } => *reply = Reply::Info(self.info()),
+            Request::Status => *reply = Reply::Status(self.status()),
+            Request::LoadTrajectory(_) | Request::ReadTrajectory => self.trajectories.report(reply),
+            Request::RecordingInfo => *reply = Reply::Recording(self.recording.info()),
+            &Request::ReadRecording { from, count } => self.recording.report(from, count, reply),
+            Request::StageModel { .. } => self.report_model(ModelSlot::Staged, reply),
+            Request::CommitModel { .. } => self.report_model(ModelSlot::Active, reply),
+            &Request::ReadModel(slot) => self.report_model(slot, reply),
             Request::KeepAlive
             | Request::Configure(_)
             | Request::ApplyConfiguration { .. }
@@ -92,7 +96,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             | Request::Disarm
             | Request::Run { .. }
             | Request::Stop
-            | Request::ClearFault => Reply::Done,
+            | Request::ClearFault => *reply = Reply::Done,
         }
     }
 
@@ -180,9 +184,11 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         }
     }
 
-    fn model(&self, slot: ModelSlot) -> Reply {
-        let held = self.parameters.model(slot);
-        Reply::Model { slot, model: held.map(|held| held.model), crc: held.map_or(0, |held| held.crc) }
+    fn report_model(&self, slot: ModelSlot, reply: &mut Reply) {
+        *reply = match self.parameters.model(slot) {
+            Some(held) => Reply::Model { slot, model: Some(held.model), crc: held.crc },
+            None => Reply::Model { slot, model: None, crc: 0 },
+        };
     }
 
     fn set_position(&mut self, position_rad: [f64; 2]) -> Result<(), Refusal> {

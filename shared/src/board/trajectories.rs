@@ -2,7 +2,7 @@
 
 use super::constants::Constants;
 use super::trajectory_check::{Step, TrajectoryCheck, admissible};
-use crate::protocol::{Refusal, TrajectoryPart, TrajectoryPhase, TrajectoryState};
+use crate::protocol::{Refusal, Reply, TrajectoryPart, TrajectoryPhase, TrajectoryState};
 use crate::trajectory::{LimitError, MAX_POINTS, Margins, Points, Trajectory};
 use heapless::Vec;
 
@@ -180,16 +180,22 @@ impl Trajectories {
         }
     }
 
-    pub(super) fn state(&self) -> TrajectoryState {
-        match &self.stage {
-            Stage::Empty => TrajectoryState::Empty,
+    /// Answers with the state.
+    pub(super) fn report(&self, reply: &mut Reply) {
+        *reply = match &self.stage {
+            Stage::Empty => Reply::Trajectory(TrajectoryState::Empty),
             Stage::Loading { points, .. } => {
-                TrajectoryState::Loading { received: self.points_rad.len() as u16, points: *points }
+                Reply::Trajectory(TrajectoryState::Loading { received: self.points_rad.len() as u16, points: *points })
             }
-            Stage::Checking(check) => TrajectoryState::Checking { checked: check.checked(), rows: self.rows },
-            Stage::Accepted(margins) => TrajectoryState::Accepted { margins: *margins, rows: self.rows },
-            Stage::Refused(error) => TrajectoryState::Refused(*error),
-        }
+            Stage::Checking(check) => {
+                Reply::Trajectory(TrajectoryState::Checking { checked: check.checked(), rows: self.rows })
+            }
+            Stage::Accepted(margins) => {
+                *reply = Reply::Trajectory(TrajectoryState::Accepted { margins: *margins, rows: self.rows });
+                return;
+            }
+            Stage::Refused(error) => Reply::Trajectory(TrajectoryState::Refused(*error)),
+        };
     }
 }
 
