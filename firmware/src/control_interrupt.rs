@@ -112,7 +112,7 @@ fn TIM1_UP_TIM10() {
 impl Running {
     fn tick(&mut self) {
         let control = &mut self.control;
-        // Both currents are sampled within 3.3 µs from here; the counts are read at the start of that.
+        // Both currents are sampled within 1.4 µs from here; the counts are read at the start of that.
         control.measured_currents.start();
         let counts = control.encoders.counts();
         let emergency_stop = control.emergency_stop.is_high();

@@ -7,7 +7,7 @@
 //! |---|---|---|
 //! | PA15, PB3 | D20, D23 | encoder of joint 2, channels A and B (TIM2) |
 //! | PA0, PA1 | D32, – | encoder of joint 3, channels A and B (TIM5) |
-//! | PA3, PC0 | A0, A1 | measured armature current of joint 2, joint 3 (ADC1) |
+//! | PA3, PC0 | A0, A1 | measured armature current of joint 2 (ADC1), joint 3 (ADC2) |
 //! | PA4, PA5 | D24, D13 | current command of joint 2, joint 3 (DAC) |
 //! | PF12 | D8 | amplifier enable, high = on; needs a pull-down outside |
 //! | PF13 | D7 | emergency stop: normally closed contact to ground, open = stop |
@@ -81,7 +81,10 @@ async fn main(spawner: Spawner) {
             (peripherals.TIM2, peripherals.PA15, peripherals.PB3),
             (peripherals.TIM5, peripherals.PA0, peripherals.PA1),
         ),
-        measured_currents: MeasuredCurrents::new(peripherals.ADC1, peripherals.PA3, peripherals.PC0),
+        measured_currents: MeasuredCurrents::new(
+            (peripherals.ADC1, peripherals.PA3),
+            (peripherals.ADC2, peripherals.PC0),
+        ),
         amplifiers,
         emergency_stop: Input::new(peripherals.PF13, Pull::Up),
         serial,

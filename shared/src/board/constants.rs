@@ -172,7 +172,7 @@ impl Constants {
 }
 
 /// A model in the board's precision.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TorqueModel {
     f: [f32; PARAMETERS],
     viscous_friction_nm_s_per_rad: [f32; 2],

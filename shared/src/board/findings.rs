@@ -1,5 +1,6 @@
 //! What is found out about a request before it reaches the board.
 
+use super::constants::TorqueModel;
 use crate::protocol::{Model, ModelError, Request};
 
 /// What follows from a request alone, whatever the board is doing.
@@ -19,6 +20,8 @@ pub(super) struct ModelFindings {
     pub(super) crc: u32,
     /// Whether it can be an arm at all.
     pub(super) dynamics: Result<(), ModelError>,
+    /// It in the board's precision.
+    pub(super) torque_model: TorqueModel,
 }
 
 impl Findings {
@@ -40,6 +43,6 @@ impl Findings {
 
 impl ModelFindings {
     pub(super) fn of(model: &Model) -> Self {
-        Self { crc: model.crc(), dynamics: model.check_dynamics() }
+        Self { crc: model.crc(), dynamics: model.check_dynamics(), torque_model: TorqueModel::new(model) }
     }
 }

@@ -142,7 +142,7 @@ impl Parameters {
         }
         model.check_ranges(applied.robot_identity, &applied.configuration.model_range).map_err(Refusal::Model)?;
         findings.dynamics.map_err(Refusal::Model)?;
-        self.staged = Some(Held { model: *model, crc, torque_model: TorqueModel::new(model) });
+        self.staged = Some(Held { model: *model, crc, torque_model: findings.torque_model });
         Ok(())
     }
 

@@ -163,6 +163,7 @@ impl Driver<Nucleo> for Bench {
             self.drive_pins(board, stop.at);
         }
         self.advance_arm(board, stop.at);
+        board.set_current_codes(self.arm.current_codes());
         if !self.serve_host(board, stop.at) {
             self.observations.end_ns = stop.at.0;
             self.observations.instructions = stop.instruction_count;
