@@ -21,7 +21,7 @@ use embassy_stm32::{
 };
 use shared::{
     board::{Board, Inputs},
-    protocol::{Link, PackedSample},
+    protocol::{Event, Link, Mode, PackedSample},
 };
 
 use crate::{
@@ -29,6 +29,7 @@ use crate::{
     currents::{Amplifiers, MeasuredCurrents},
     encoders::Encoders,
     interrupt_owned::InterruptOwned,
+    last_fault,
     link::{ControlEnd, ExaminedRequest},
     timing::Stopwatch,
 };
@@ -132,6 +133,9 @@ impl Running {
         }
 
         if let Some(event) = outputs.event {
+            if let Event::Mode { mode: Mode::Fault(fault), .. } = &event {
+                last_fault::keep(fault);
+            }
             control.serial.event(event);
         }
         match outputs.telemetry {

@@ -27,6 +27,7 @@ mod encoders;
 mod identity;
 mod interrupt_owned;
 mod interrupt_priorities;
+mod last_fault;
 mod link;
 mod link_serial;
 mod safe_output;
@@ -64,6 +65,9 @@ async fn main(spawner: Spawner) {
         ConstStaticCell::new([PackedSample::EMPTY; DEFAULT_SAMPLES]);
     static BOARD: StaticCell<Board<&'static mut [PackedSample]>> = StaticCell::new();
     let board = BOARD.init_with(|| Board::new(identity::read(), ROWS.take()));
+    if let Some(fault) = last_fault::at_start(board.identity().reset_cause) {
+        board.report_last_fault(fault);
+    }
 
     static SERIAL: ConstStaticCell<Link> = ConstStaticCell::new(Link::new());
     let (serial, serial_receive, serial_send) = SERIAL.take().split(&link::SERIAL);

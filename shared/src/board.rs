@@ -31,6 +31,7 @@
 mod constants;
 mod encoders;
 mod findings;
+mod kept_fault;
 mod motion;
 mod parameters;
 mod path;
@@ -46,6 +47,7 @@ use crate::protocol::{
 };
 use encoders::Encoders;
 pub use findings::Findings;
+pub use kept_fault::KeptFault;
 use motion::{Motion, Tick};
 use parameters::{Change, Parameters};
 use recording::Recording;
@@ -218,6 +220,11 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         let tick = self.tick;
         outputs.event = self.motion.take_mode_change().map(|mode| Event::Mode { tick, mode });
         outputs
+    }
+
+    /// What the firmware told about itself.
+    pub fn identity(&self) -> &BoardIdentity {
+        &self.identity
     }
 
     /// What the board is doing.
