@@ -154,11 +154,14 @@ impl Running {
         }
         let Control { board, serial, stopwatch, .. } = control;
         let counters = serial.counters();
-        serial.answer_next(|ExaminedRequest { message, findings }, reply| {
+        let answered = serial.answer_next(|ExaminedRequest { message, findings }, reply| {
             board.report_timing(stopwatch.timing());
             board.report_link(Link::Serial, counters);
             board.answer(Link::Serial, message.sequence, &message.request, findings, reply);
         });
+        if !answered {
+            board.advance_check();
+        }
     }
 
     /// A new configuration can bring another loop period.

@@ -132,16 +132,17 @@ pub struct ControlEnd {
 
 impl ControlEnd {
     /// Has the next request answered, if there is one and a place for its reply: `answer` is given the request and the
-    /// place. Neither is ever moved.
-    pub fn answer_next(&mut self, answer: impl FnOnce(&ExaminedRequest, &mut Reply)) {
-        let Some(request) = self.requests.peek() else { return };
-        let Some(place) = self.free_replies.dequeue() else { return };
+    /// place. Neither is ever moved. Returns whether there was one.
+    pub fn answer_next(&mut self, answer: impl FnOnce(&ExaminedRequest, &mut Reply)) -> bool {
+        let Some(request) = self.requests.peek() else { return false };
+        let Some(place) = self.free_replies.dequeue() else { return false };
         place.sequence = request.message.sequence;
         answer(request, &mut place.reply);
         self.requests.dequeue();
         // As much room as there are places.
         let _ = self.replies.enqueue(place);
         wake_senders();
+        true
     }
 
     /// Tells the host something it has not asked for.

@@ -69,8 +69,9 @@ async fn main(spawner: Spawner) {
         board.report_last_fault(fault);
     }
 
-    static SERIAL: ConstStaticCell<Link> = ConstStaticCell::new(Link::new());
-    let (serial, serial_receive, serial_send) = SERIAL.take().split(&link::SERIAL);
+    // Made at run time: its initial value is not all zeros, and would take 4 KB of flash.
+    static SERIAL: StaticCell<Link> = StaticCell::new();
+    let (serial, serial_receive, serial_send) = SERIAL.init_with(Link::new).split(&link::SERIAL);
     link::enable_relay();
     let (transmitter, receiver) = link_serial::open(
         peripherals.USART3,

@@ -71,3 +71,28 @@ impl KeptFault {
         Some(fault)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_that_changed_holds_no_fault() {
+        let sound = KeptFault::new(&Fault::UnexpectedInterrupt { number: 7 });
+        assert_eq!(sound.open(), Some((Fault::UnexpectedInterrupt { number: 7 }, 0)));
+        for bit in 0..32 {
+            for wrong in [
+                KeptFault { magic: sound.magic ^ 1 << bit, ..sound },
+                KeptFault { starts: sound.starts ^ 1 << bit, ..sound },
+                KeptFault { crc: sound.crc ^ 1 << bit, ..sound },
+            ] {
+                assert_eq!(wrong.open(), None);
+            }
+        }
+        for bit in 0..8 * FAULT_BYTES {
+            let mut wrong = sound;
+            wrong.fault[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(wrong.open(), None, "bit {bit}");
+        }
+    }
+}

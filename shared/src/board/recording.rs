@@ -75,7 +75,8 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Recording<R> {
     }
 }
 
-/// Not generic, so that it is compiled here, for speed.
+/// Not generic and not inlined, so that it is compiled here, for speed, and not for size with the firmware.
+#[inline(never)]
 fn report(
     info: &RecordingInfo,
     recorded: &[PackedSample],
