@@ -362,6 +362,7 @@ fn ready() -> Board<Vec<PackedSample>> {
     board.handle(Link::Usb, 2, &Request::LoadTrajectory(TrajectoryPart::Paper(paper)));
     for _ in 0..400 {
         board.tick(&QUIET);
+        board.advance_check();
     }
     assert_eq!(board.handle(Link::Usb, 3, &Request::Arm), Reply::Done);
     let run = Request::Run { law: ControlLaw::ComputedTorque, stream: false, settle_ns: 0 };

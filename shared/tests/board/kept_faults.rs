@@ -64,6 +64,6 @@ fn a_place_in_the_source_shows_the_end_of_its_path() {
     assert_eq!(shown("firmware/src/link.rs"), "src/link.rs:57");
     assert_eq!(shown("x.rs"), "x.rs:57");
     assert_eq!(shown("/a/long/path/to/somewhere/dma_bdma.rs"), "dma_bdma.rs:57");
-    assert_eq!(shown("a_very_long_name_of_a_file.rs"), "g_name_of_a_file.rs:57");
+    assert_eq!(shown("a_very_long_name_of_a_file.rs"), "ng_name_of_a_file.rs:57");
     assert_eq!(SourcePlace::UNKNOWN.to_string(), "a place that is not known");
 }
