@@ -51,14 +51,16 @@ pub struct Control {
     pub amplifiers: Amplifiers,
     /// High when the emergency stop is pressed, or its wire broken.
     pub emergency_stop: Input<'static>,
-    /// Its end of the serial link.
-    pub serial: ControlEnd,
+    /// Its ends of the links, in the order of [`Link::ALL`].
+    pub links: [ControlEnd; 2],
     /// Measures it.
     pub stopwatch: Stopwatch,
 }
 
 struct Running {
     control: Control,
+    /// Index of the link whose turn it is to be answered.
+    next_link: usize,
     period_ns: u32,
     deadline_missed: bool,
 }
@@ -76,7 +78,7 @@ pub fn ticks() -> u32 {
 pub fn start(timer: Peri<'static, TIM1>, control: Control) {
     let period_ns = control.board.loop_period_ns();
     // SAFETY: the only call, since there is only one TIM1 to call it with, and the interrupt is enabled below.
-    unsafe { RUNNING.hand_over(Running { control, period_ns, deadline_missed: false }) };
+    unsafe { RUNNING.hand_over(Running { control, next_link: 0, period_ns, deadline_missed: false }) };
     let timer = Timer::new(timer);
     // Sets the prescaler; the period follows.
     timer.set_period_clocks(LONGEST_PERIOD_CYCLES, RoundTo::Faster);
@@ -132,22 +134,34 @@ impl Running {
         }
 
         if let Some(event) = outputs.event {
-            control.serial.event(event);
+            for link in &mut control.links {
+                link.event(event);
+            }
         }
-        match outputs.telemetry {
-            Some(row) if row.link == Link::Serial => control.serial.telemetry(row),
-            _ => {}
+        if let Some(row) = outputs.telemetry {
+            control.links[row.link as usize].telemetry(row);
         }
     }
 
-    /// At most one request a period, after the outputs: what a host asks for never delays the arm.
+    /// At most one request a period, after the outputs: what a host asks for never delays the arm. Two hosts are
+    /// answered in turns.
     fn answer(&mut self) {
         let control = &mut self.control;
-        let Some(message) = control.serial.request() else { return };
+        let other_link = 1 - self.next_link;
+        let Some(index) =
+            [self.next_link, other_link].into_iter().find(|&link| control.links[link].request().is_some())
+        else {
+            return;
+        };
+        self.next_link = 1 - index;
         control.board.report_timing(control.stopwatch.timing());
-        control.board.report_link(Link::Serial, control.serial.counters());
-        let reply = control.board.handle(Link::Serial, message.sequence, &message.request);
-        control.serial.answer(reply);
+        for (name, link) in Link::ALL.into_iter().zip(&control.links) {
+            control.board.report_link(name, link.counters());
+        }
+        let link = &mut control.links[index];
+        let Some(message) = link.request() else { return };
+        let reply = control.board.handle(Link::ALL[index], message.sequence, &message.request);
+        link.answer(reply);
     }
 
     /// A new configuration can bring another loop period.

@@ -12,7 +12,7 @@
 //! | PF12 | D8 | amplifier enable, high = on; needs a pull-down outside |
 //! | PF13 | D7 | emergency stop: normally closed contact to ground, open = stop |
 //! | PD8, PD9 | – | serial link through the ST-LINK (USART3) |
-//! | PA11, PA12 | – | kept for USB |
+//! | PA11, PA12 | user USB | USB link |
 //!
 //! PA1 also carries the 50 MHz reference clock of the Ethernet chip on the Nucleo board, until the solder bridge between
 //! them is opened (SB13 on the boards of 2016; check the manual of yours).
@@ -29,6 +29,7 @@ mod interrupt_owned;
 mod interrupt_priorities;
 mod link;
 mod link_serial;
+mod link_usb;
 mod safe_output;
 mod timing;
 mod watchdog;
@@ -63,8 +64,12 @@ async fn main(spawner: Spawner) {
     static ROWS: ConstStaticCell<[PackedSample; DEFAULT_SAMPLES]> =
         ConstStaticCell::new([PackedSample::EMPTY; DEFAULT_SAMPLES]);
     static BOARD: StaticCell<Board<&'static mut [PackedSample]>> = StaticCell::new();
-    let board = BOARD.init_with(|| Board::new(identity::read(), ROWS.take()));
+    let identity = identity::read();
+    let chip_id = identity.chip_id;
+    let board = BOARD.init_with(|| Board::new(identity, ROWS.take()));
 
+    static USB: ConstStaticCell<Link> = ConstStaticCell::new(Link::new());
+    let (usb, usb_receive, usb_send) = USB.take().split(&link::USB);
     static SERIAL: ConstStaticCell<Link> = ConstStaticCell::new(Link::new());
     let (serial, serial_receive, serial_send) = SERIAL.take().split(&link::SERIAL);
     link::enable_relay();
@@ -84,12 +89,16 @@ async fn main(spawner: Spawner) {
         measured_currents: MeasuredCurrents::new(peripherals.ADC1, peripherals.PA3, peripherals.PC0),
         amplifiers,
         emergency_stop: Input::new(peripherals.PF13, Pull::Up),
-        serial,
+        links: [usb, serial],
         stopwatch: Stopwatch::new(core_peripherals.DCB, core_peripherals.DWT),
     };
     control_interrupt::start(peripherals.TIM1, control);
 
     spawner.spawn(watchdog::feed(watchdog).expect("spawned once"));
+    let port = link_usb::open(peripherals.USB_OTG_FS, peripherals.PA12, peripherals.PA11, &chip_id);
+    spawner.spawn(link_usb::run(port.device).expect("spawned once"));
+    spawner.spawn(link_usb::receive(port.receiver, usb_receive).expect("spawned once"));
+    spawner.spawn(link_usb::send(port.sender, port.control, usb_send).expect("spawned once"));
     spawner.spawn(link_serial::receive(receiver, serial_receive).expect("spawned once"));
     spawner.spawn(link_serial::send(transmitter, serial_send).expect("spawned once"));
 }
