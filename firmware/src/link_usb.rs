@@ -108,10 +108,19 @@ static SUSPENDED: AtomicBool = AtomicBool::new(false);
 /// One of the two has changed.
 static BUS_CHANGED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
+/// The core runs. Before, its registers have no clock.
+static RUNS: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
 /// Is told what happens on the bus.
 struct Watch;
 
 impl Handler for Watch {
+    fn enabled(&mut self, enabled: bool) {
+        if enabled {
+            RUNS.signal(());
+        }
+    }
+
     fn reset(&mut self) {
         end_transfers();
         CONFIGURED.store(false, Ordering::Relaxed);
@@ -183,6 +192,7 @@ async fn bus_is_ignored() {
 #[embassy_executor::task]
 pub async fn receive(mut receiver: Receiver<'static, Core>, mut link: ReceiveEnd) {
     let mut bytes = [0; PACKET_BYTES];
+    RUNS.wait().await;
     loop {
         receiver.wait_connection().await;
         link.restart();
