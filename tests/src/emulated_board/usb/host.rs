@@ -29,6 +29,9 @@ const TRANSACTION_BYTES: u64 = 13;
 const PATIENCE_NS: u64 = 500 * MILLISECOND;
 
 const BULK_BYTES: usize = 64;
+/// How much a system asks for at once. It sees nothing of it before that much or a packet of less than full length has
+/// come: so Linux reads a serial port.
+const READ_BYTES: usize = 2 * BULK_BYTES;
 const ADDRESS: u8 = 5;
 /// Endpoints of the data interface, as in the configuration descriptor.
 const DATA_INPUT: usize = 2;
@@ -111,6 +114,8 @@ pub struct Host {
     output_busy_ns: u64,
     output_turn: bool,
     to_board: VecDeque<u8>,
+    /// What has come of the present request.
+    reading: Vec<u8>,
     from_board: Vec<u8>,
     found: Enumerated,
     enumerations: u32,
@@ -139,6 +144,7 @@ impl Host {
             output_busy_ns: 0,
             output_turn: false,
             to_board: VecDeque::new(),
+            reading: Vec::new(),
             from_board: Vec::new(),
             found: Enumerated::default(),
             enumerations: 0,
@@ -339,8 +345,11 @@ impl Host {
                 // One with the wrong toggle is taken for a repetition.
                 if toggle == self.input_toggle {
                     self.input_toggle = !self.input_toggle;
-                    self.from_board.extend(&data);
                     self.received_packets += 1;
+                    self.reading.extend(&data);
+                    if data.len() < BULK_BYTES || self.reading.len() >= READ_BYTES {
+                        self.from_board.append(&mut self.reading);
+                    }
                 }
                 now_ns + duration_ns(data.len())
             }
@@ -440,6 +449,7 @@ impl Host {
             Step::OpenPort => {
                 self.open = true;
                 self.from_board.clear();
+                self.reading.clear();
             }
             Step::ClosePort => self.open = false,
         }
