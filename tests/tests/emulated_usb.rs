@@ -13,7 +13,7 @@ use armid_tests::emulated_board::observations::{Observations, Tick};
 use armid_tests::emulated_board::usb::{LINE_CODING, UsbAction};
 use armid_tests::emulated_board::{EmulatedBoard, EmulatedLink, FIRMWARE_VARIABLE, firmware_from_environment};
 use shared::protocol::usb::{MANUFACTURER, PRODUCT, PRODUCT_ID, VENDOR_ID, serial_number};
-use shared::protocol::{ControlLaw, Fault, LinkCounters, Mode, Request};
+use shared::protocol::{ControlLaw, Fault, LinkCounters, Mode, ROWS_PER_FRAME, Reply, Request};
 use shared::trajectory::{Points, Trajectory};
 
 const SEED: u64 = 5;
@@ -335,6 +335,29 @@ fn both_links_are_served_at_once() {
 }
 
 #[test]
+fn answers_of_every_length_come_at_once() {
+    let Some(board) = switched_on() else { return };
+    let mut client = connected(board.usb_link());
+    prepare(&mut client, &to_and_fro());
+    run(&mut client, || {});
+    // Sequence numbers, first rows and numbers of rows of every length on the wire. Some of the answers fill their last
+    // packet to the last byte.
+    for sequence in [1, 1 << 8, 1 << 15, 1 << 22, 1 << 29] {
+        client = Client::connect_from(Box::new(board.usb_link()), sequence).expect("a board that answers");
+        for from in [0, 1000] {
+            for count in 1..=ROWS_PER_FRAME as u16 {
+                let reply = client.request(Request::ReadRecording { from, count }).expect("rows");
+                assert!(matches!(reply, Reply::Rows(rows) if rows.rows.len() == usize::from(count)));
+            }
+        }
+        assert_eq!(client.repeats(), 0);
+    }
+    let observations = finish(board);
+    println!("{} empty packets ended a transfer", observations.usb.empty_packets);
+    assert!(observations.usb.empty_packets > 0);
+}
+
+#[test]
 fn a_host_that_comes_late_gets_nothing_old_and_no_loss_is_counted_before() {
     let Some(board) = switched_on() else { return };
     board.plan_on_usb(Duration::ZERO, UsbAction::Plug(false));
@@ -362,8 +385,8 @@ fn a_host_that_comes_late_gets_nothing_old_and_no_loss_is_counted_before() {
 #[test]
 fn a_cable_pulled_at_any_moment_of_the_recognition_can_be_plugged_in_again() {
     let Some(board) = switched_on() else { return };
-    // The host is asking questions 120 to 121 and 140 to 150 ms after the cable was plugged in.
-    let moments_us = (120_000..121_000).step_by(90).chain((140_000..148_000).step_by(430));
+    // The host asks its first question 120 ms after the cable was plugged in, the others from 140 ms on.
+    let moments_us = (120_000..120_200).step_by(10).chain((140_000..148_000).step_by(430));
     let mut pulled = 0;
     for moment_us in moments_us {
         board.plan_on_usb(Duration::ZERO, UsbAction::Plug(false));

@@ -63,6 +63,8 @@ pub struct UsbTraffic {
     pub packets_to_board: u64,
     /// Packets of bytes that the board sent.
     pub packets_from_board: u64,
+    /// How many of these were empty: they end a transfer whose other packets are full.
+    pub empty_packets: u64,
 }
 
 /// Everything that was watched.
@@ -103,6 +105,7 @@ impl Observations {
         let host = session.board().usb().host();
         let ((enumerations, failures), (packets_to_board, packets_from_board)) = (host.enumerations(), host.packets());
         let found = host.found().clone();
-        self.usb = UsbTraffic { found, enumerations, failures, packets_to_board, packets_from_board };
+        let empty_packets = host.empty_packets();
+        self.usb = UsbTraffic { found, enumerations, failures, packets_to_board, packets_from_board, empty_packets };
     }
 }

@@ -122,6 +122,7 @@ pub struct Host {
     failures: u32,
     sent_packets: u64,
     received_packets: u64,
+    empty_packets: u64,
 }
 
 impl Host {
@@ -151,6 +152,7 @@ impl Host {
             failures: 0,
             sent_packets: 0,
             received_packets: 0,
+            empty_packets: 0,
         }
     }
 
@@ -241,6 +243,11 @@ impl Host {
     /// Bulk packets that went to the board and came from it.
     pub fn packets(&self) -> (u64, u64) {
         (self.sent_packets, self.received_packets)
+    }
+
+    /// Packets without a byte, which end a transfer whose other packets are full.
+    pub fn empty_packets(&self) -> u64 {
+        self.empty_packets
     }
 
     /// Its turn.
@@ -346,6 +353,7 @@ impl Host {
                 if toggle == self.input_toggle {
                     self.input_toggle = !self.input_toggle;
                     self.received_packets += 1;
+                    self.empty_packets += u64::from(data.is_empty());
                     self.reading.extend(&data);
                     if data.len() < BULK_BYTES || self.reading.len() >= READ_BYTES {
                         self.from_board.append(&mut self.reading);
