@@ -16,7 +16,8 @@
 //! depends on nothing but its inputs.
 //!
 //! What this does not show: wait states of the flash memory and instructions of several cycles (the emulated core is
-//! set slower instead), anything analogue, and every difference between the models and silicon.
+//! set slower instead), anything analogue, the electrical side of USB, and every difference between the models and
+//! silicon.
 
 mod arm;
 mod bench;
