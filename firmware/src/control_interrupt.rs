@@ -21,7 +21,7 @@ use embassy_stm32::{
 };
 use shared::{
     board::{Board, Inputs},
-    protocol::{Link, PackedSample},
+    protocol::{Event, Link, Mode, PackedSample},
 };
 
 use crate::{
@@ -29,7 +29,8 @@ use crate::{
     currents::{Amplifiers, MeasuredCurrents},
     encoders::Encoders,
     interrupt_owned::InterruptOwned,
-    link::ControlEnd,
+    last_fault,
+    link::{ControlEnd, ExaminedRequest},
     timing::Stopwatch,
 };
 
@@ -114,7 +115,7 @@ fn TIM1_UP_TIM10() {
 impl Running {
     fn tick(&mut self) {
         let control = &mut self.control;
-        // Both currents are sampled within 3.3 µs from here; the counts are read at the start of that.
+        // Both currents are sampled within 1.4 µs from here; the counts are read at the start of that.
         control.measured_currents.start();
         let counts = control.encoders.counts();
         let emergency_stop = control.emergency_stop.is_high();
@@ -134,6 +135,9 @@ impl Running {
         }
 
         if let Some(event) = outputs.event {
+            if let Event::Mode { mode: Mode::Fault(fault), .. } = &event {
+                last_fault::keep(fault);
+            }
             for link in &mut control.links {
                 link.event(event);
             }
@@ -144,24 +148,28 @@ impl Running {
     }
 
     /// At most one request a period, after the outputs: what a host asks for never delays the arm. Two hosts are
-    /// answered in turns.
+    /// answered in turns. None where the last run was too long: requests that take several periods, possible while the
+    /// amplifiers are off, then leave the tasks a period in between, the one that feeds the watchdog among them.
     fn answer(&mut self) {
-        let control = &mut self.control;
-        let other_link = 1 - self.next_link;
-        let Some(index) =
-            [self.next_link, other_link].into_iter().find(|&link| control.links[link].request().is_some())
-        else {
+        if self.deadline_missed {
             return;
-        };
-        self.next_link = 1 - index;
-        control.board.report_timing(control.stopwatch.timing());
-        for (name, link) in Link::ALL.into_iter().zip(&control.links) {
-            control.board.report_link(name, link.counters());
         }
-        let link = &mut control.links[index];
-        let Some(message) = link.request() else { return };
-        let reply = control.board.handle(Link::ALL[index], message.sequence, &message.request);
-        link.answer(reply);
+        let Control { board, links, stopwatch, .. } = &mut self.control;
+        let counters = [links[0].counters(), links[1].counters()];
+        for index in [self.next_link, 1 - self.next_link] {
+            let answered = links[index].answer_next(|ExaminedRequest { message, findings }, reply| {
+                board.report_timing(stopwatch.timing());
+                for (link, counters) in Link::ALL.into_iter().zip(counters) {
+                    board.report_link(link, counters);
+                }
+                board.answer(Link::ALL[index], message.sequence, &message.request, findings, reply);
+            });
+            if answered {
+                self.next_link = 1 - index;
+                return;
+            }
+        }
+        board.advance_check();
     }
 
     /// A new configuration can bring another loop period.

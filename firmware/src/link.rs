@@ -18,7 +18,7 @@ use embassy_sync::{blocking_mutex::raw::CriticalSectionRawMutex, signal::Signal}
 use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
 use shared::{
-    board::Telemetry,
+    board::{Findings, Telemetry},
     protocol::{
         BoardMessage, Decoder, Event, FrameError, HostMessage, LinkCounters, MAX_FRAME, PROTOCOL_VERSION, Reply,
         encode_board_message,
@@ -27,11 +27,32 @@ use shared::{
 
 /// One link, in static memory. A queue of N holds N - 1.
 pub struct Link {
-    requests: Queue<HostMessage, 4>,
-    replies: Queue<(u32, Reply), 4>,
+    requests: Queue<ExaminedRequest, 4>,
+    /// Places for replies. They wait in `free_replies` to be written by the interrupt, and in `replies` to be sent.
+    reply_places: [SequencedReply; REPLIES],
+    free_replies: Queue<&'static mut SequencedReply, { REPLIES + 1 }>,
+    replies: Queue<&'static mut SequencedReply, { REPLIES + 1 }>,
     events: Queue<Event, 8>,
     /// 44 ms of rows at 0.7 ms: as long as a host may look away without losing one on the way.
     telemetry: Queue<Telemetry, 64>,
+}
+
+/// Replies that may wait to be sent.
+const REPLIES: usize = 3;
+
+/// A reply and the number of its request. It is written in place and stays there until it is sent, because copying it
+/// would take the interrupt as long as everything else it does.
+struct SequencedReply {
+    sequence: u32,
+    reply: Reply,
+}
+
+/// A request with what the receiving task found out about it, so that the interrupt need not.
+pub struct ExaminedRequest {
+    /// The request.
+    pub message: HostMessage,
+    /// What follows from it alone.
+    pub findings: Findings,
 }
 
 /// What the interrupt and the tasks of one link count, and how they wake each other.
@@ -73,46 +94,64 @@ pub static SERIAL: LinkState = LinkState::new(true);
 impl Link {
     /// A link with nothing under way.
     pub const fn new() -> Self {
-        Self { requests: Queue::new(), replies: Queue::new(), events: Queue::new(), telemetry: Queue::new() }
+        Self {
+            requests: Queue::new(),
+            reply_places: [const { SequencedReply { sequence: 0, reply: Reply::Done } }; REPLIES],
+            free_replies: Queue::new(),
+            replies: Queue::new(),
+            events: Queue::new(),
+            telemetry: Queue::new(),
+        }
     }
 
     /// The ends for the control interrupt, for the receiving and for the sending task.
     pub fn split(&'static mut self, state: &'static LinkState) -> (ControlEnd, ReceiveEnd, SendEnd) {
         let (request_producer, requests) = self.requests.split();
+        let (mut free_producer, free_replies) = self.free_replies.split();
+        for place in &mut self.reply_places {
+            // Room for all of them.
+            let _ = free_producer.enqueue(place);
+        }
         let (replies, reply_consumer) = self.replies.split();
         let (events, event_consumer) = self.events.split();
         let (telemetry, telemetry_consumer) = self.telemetry.split();
         (
-            ControlEnd { requests, replies, events, telemetry, state },
+            ControlEnd { requests, free_replies, replies, events, telemetry, state },
             ReceiveEnd { decoder: Decoder::new(), requests: request_producer, state },
-            SendEnd { replies: reply_consumer, events: event_consumer, telemetry: telemetry_consumer, state },
+            SendEnd {
+                replies: reply_consumer,
+                free_replies: free_producer,
+                events: event_consumer,
+                telemetry: telemetry_consumer,
+                state,
+            },
         )
     }
 }
 
 /// The control interrupt's end.
 pub struct ControlEnd {
-    requests: Consumer<'static, HostMessage>,
-    replies: Producer<'static, (u32, Reply)>,
+    requests: Consumer<'static, ExaminedRequest>,
+    free_replies: Consumer<'static, &'static mut SequencedReply>,
+    replies: Producer<'static, &'static mut SequencedReply>,
     events: Producer<'static, Event>,
     telemetry: Producer<'static, Telemetry>,
     state: &'static LinkState,
 }
 
 impl ControlEnd {
-    /// The next request, if there is one and room for its reply. It stays where it is: copying it would take longer
-    /// than a control tick.
-    pub fn request(&self) -> Option<&HostMessage> {
-        if self.replies.ready() { self.requests.peek() } else { None }
-    }
-
-    /// Answers the request seen last, which is done with then.
-    pub fn answer(&mut self, reply: Reply) {
-        let Some(HostMessage { sequence, .. }) = self.requests.dequeue() else { return };
-        if self.replies.enqueue((sequence, reply)).is_err() {
-            count(&self.state.replies_dropped);
-        }
+    /// Has the next request answered, if there is one and a place for its reply: `answer` is given the request and the
+    /// place. Neither is ever moved. Returns whether there was one.
+    pub fn answer_next(&mut self, answer: impl FnOnce(&ExaminedRequest, &mut Reply)) -> bool {
+        let Some(request) = self.requests.peek() else { return false };
+        let Some(place) = self.free_replies.dequeue() else { return false };
+        place.sequence = request.message.sequence;
+        answer(request, &mut place.reply);
+        self.requests.dequeue();
+        // As much room as there are places.
+        let _ = self.replies.enqueue(place);
         self.wake_sender();
+        true
     }
 
     /// Tells the host something it has not asked for.
@@ -158,7 +197,7 @@ impl ControlEnd {
 /// The receiving task's end.
 pub struct ReceiveEnd {
     decoder: Decoder,
-    requests: Producer<'static, HostMessage>,
+    requests: Producer<'static, ExaminedRequest>,
     state: &'static LinkState,
 }
 
@@ -173,10 +212,11 @@ impl ReceiveEnd {
         for &byte in bytes {
             match self.decoder.host_message(byte) {
                 None => {}
-                Some(Ok(mut message)) => {
+                Some(Ok(message)) => {
                     count(&self.state.received);
-                    while let Err(refused) = self.requests.enqueue(message) {
-                        message = refused;
+                    let mut request = ExaminedRequest { findings: Findings::of(&message.request), message };
+                    while let Err(refused) = self.requests.enqueue(request) {
+                        request = refused;
                         Timer::after_micros(100).await;
                     }
                 }
@@ -194,7 +234,8 @@ impl ReceiveEnd {
 
 /// The sending task's end.
 pub struct SendEnd {
-    replies: Consumer<'static, (u32, Reply)>,
+    replies: Consumer<'static, &'static mut SequencedReply>,
+    free_replies: Producer<'static, &'static mut SequencedReply>,
     events: Consumer<'static, Event>,
     telemetry: Consumer<'static, Telemetry>,
     state: &'static LinkState,
@@ -253,7 +294,9 @@ impl SendEnd {
         while self.telemetry.dequeue().is_some() {
             rows += 1;
         }
-        while self.replies.dequeue().is_some() {
+        while let Some(place) = self.replies.dequeue() {
+            // As much room as there are places.
+            let _ = self.free_replies.enqueue(place);
             others += 1;
         }
         while self.events.dequeue().is_some() {
@@ -275,8 +318,12 @@ impl SendEnd {
     }
 
     fn next_message(&mut self) -> Option<BoardMessage> {
-        if let Some((sequence, reply)) = self.replies.dequeue() {
-            return Some(BoardMessage::Reply { sequence, reply });
+        if let Some(place) = self.replies.dequeue() {
+            let reply = core::mem::replace(&mut place.reply, Reply::Done);
+            let message = BoardMessage::Reply { sequence: place.sequence, reply };
+            // As much room as there are places.
+            let _ = self.free_replies.enqueue(place);
+            return Some(message);
         }
         let other_version = self.state.other_version.swap(PROTOCOL_VERSION, Ordering::Relaxed);
         if other_version != PROTOCOL_VERSION {

@@ -7,7 +7,7 @@
 //! |---|---|---|
 //! | PA15, PB3 | D20, D23 | encoder of joint 2, channels A and B (TIM2) |
 //! | PA0, PA1 | D32, – | encoder of joint 3, channels A and B (TIM5) |
-//! | PA3, PC0 | A0, A1 | measured armature current of joint 2, joint 3 (ADC1) |
+//! | PA3, PC0 | A0, A1 | measured armature current of joint 2 (ADC1), joint 3 (ADC2) |
 //! | PA4, PA5 | D24, D13 | current command of joint 2, joint 3 (DAC) |
 //! | PF12 | D8 | amplifier enable, high = on; needs a pull-down outside |
 //! | PF13 | D7 | emergency stop: normally closed contact to ground, open = stop |
@@ -27,6 +27,7 @@ mod encoders;
 mod identity;
 mod interrupt_owned;
 mod interrupt_priorities;
+mod last_fault;
 mod link;
 mod link_serial;
 mod link_usb;
@@ -67,11 +68,15 @@ async fn main(spawner: Spawner) {
     let identity = identity::read();
     let chip_id = identity.chip_id;
     let board = BOARD.init_with(|| Board::new(identity, ROWS.take()));
+    if let Some(fault) = last_fault::at_start(board.identity().reset_cause) {
+        board.report_last_fault(fault);
+    }
 
-    static USB: ConstStaticCell<Link> = ConstStaticCell::new(Link::new());
-    let (usb, usb_receive, usb_send) = USB.take().split(&link::USB);
-    static SERIAL: ConstStaticCell<Link> = ConstStaticCell::new(Link::new());
-    let (serial, serial_receive, serial_send) = SERIAL.take().split(&link::SERIAL);
+    // Made at run time: their initial values are not all zeros, and would take 4 KB of flash each.
+    static USB: StaticCell<Link> = StaticCell::new();
+    let (usb, usb_receive, usb_send) = USB.init_with(Link::new).split(&link::USB);
+    static SERIAL: StaticCell<Link> = StaticCell::new();
+    let (serial, serial_receive, serial_send) = SERIAL.init_with(Link::new).split(&link::SERIAL);
     link::enable_relay();
     let (transmitter, receiver) = link_serial::open(
         peripherals.USART3,
@@ -86,7 +91,10 @@ async fn main(spawner: Spawner) {
             (peripherals.TIM2, peripherals.PA15, peripherals.PB3),
             (peripherals.TIM5, peripherals.PA0, peripherals.PA1),
         ),
-        measured_currents: MeasuredCurrents::new(peripherals.ADC1, peripherals.PA3, peripherals.PC0),
+        measured_currents: MeasuredCurrents::new(
+            (peripherals.ADC1, peripherals.PA3),
+            (peripherals.ADC2, peripherals.PC0),
+        ),
         amplifiers,
         emergency_stop: Input::new(peripherals.PF13, Pull::Up),
         links: [usb, serial],

@@ -323,7 +323,20 @@ fn info_shows_the_board() {
     let info = bench.json("info --board sim");
     assert_eq!(info["board"], "simulated");
     assert_eq!(info["mode"], "idle");
-    assert!(bench.done("info --board sim").contains("firmware"));
+    assert_eq!(info["protocol_version"], shared::protocol::PROTOCOL_VERSION);
+    assert_eq!((info["reset_cause"].as_str(), &info["last_fault"]), (Some("other"), &Value::Null));
+    assert_eq!(info["links"][0]["telemetry_dropped"], 0);
+    let text = bench.done("info --board sim");
+    for part in [
+        "firmware      ",
+        "(protocol 1)",
+        "chip          ",
+        "last start    other",
+        "last fault    none",
+        "dropped 0 rows",
+    ] {
+        assert!(text.contains(part), "no {part:?} in: {text}");
+    }
 }
 
 #[test]

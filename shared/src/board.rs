@@ -1,8 +1,8 @@
 //! The whole board as a pure state machine: inputs and requests in, outputs and replies out.
 //!
 //! The firmware owns registers and interrupts and decides nothing: once a loop period it samples everything at one
-//! instant, calls [`Board::tick`] and writes the outputs; between ticks it hands over requests one at a time with
-//! [`Board::handle`]. The simulated board does the same around a plant. Both calls take bounded time, allocate
+//! instant, calls [`Board::tick`] and writes the outputs; then it hands over a request with [`Board::handle`], or lets
+//! the board go on with a check. The simulated board does the same around a plant. Both calls take bounded time, allocate
 //! nothing, lock nothing, and panic on nothing.
 //!
 //! # Safety
@@ -21,15 +21,19 @@
 //!
 //! # Time in a tick
 //! One reference under the position loop, two and one inverse dynamics under computed torque; one packed row at a
-//! record tick; while a trajectory is being checked, up to a fifth of a loop period for that. All of it `f32`.
+//! record tick. All of it `f32`. A trajectory is checked in the time that is left ([`Board::advance_check`]): one sample
+//! a tick while the amplifiers are on, a fifth of a loop period otherwise.
 //!
-//! Requests that count in `f64`, which a Cortex-M4 emulates, cost more than reading or switching: staging a model and
-//! beginning a movement some ten thousand cycles, which a loop period of 50 µs does not have to spare; applying a
-//! configuration about a million (counted in an emulated chip), and the last points of a spline some 70 operations a point,
-//! both accepted only while the amplifiers are off, when a late tick matters to nobody.
+//! Requests that are possible while the amplifiers are on cost less than a law of control. What takes `f64`, which a
+//! Cortex-M4 emulates, is found out before, by whoever receives the request ([`Findings`]). Two requests take longer
+//! than a tick, and are accepted only while the amplifiers are off, when a late tick matters to nobody: applying a
+//! configuration, about a million cycles (counted in an emulated chip), and the last points of a spline, some 70
+//! operations in `f64` a point.
 
 mod constants;
 mod encoders;
+mod findings;
+mod kept_fault;
 mod motion;
 mod parameters;
 mod path;
@@ -41,9 +45,11 @@ mod trajectory_check;
 
 use crate::protocol::{
     BoardIdentity, Configuration, EndedBy, Event, Fault, Link, LinkCounters, Mode, Model, ModelSlot, PackedSample,
-    Refusal, Sample, Timing,
+    Refusal, Request, Sample, Timing,
 };
 use encoders::Encoders;
+pub use findings::Findings;
+pub use kept_fault::KeptFault;
 use motion::{Motion, Tick};
 use parameters::{Change, Parameters};
 use recording::Recording;
@@ -157,8 +163,10 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
     pub fn restore(&mut self, configuration: &Configuration, model: Option<&Model>) -> Result<(), Refusal> {
         self.parameters.apply(configuration)?;
         if let Some(model) = model {
-            self.parameters.stage_model(model, model.crc())?;
-            self.parameters.commit_model(model.crc())?;
+            let crc = model.crc();
+            let findings = Findings::of(&Request::StageModel { model: *model, crc });
+            self.parameters.stage_model(model, crc, &findings)?;
+            self.parameters.commit_model(crc)?;
         }
         self.parameters.revision = 0;
         Ok(())
@@ -179,7 +187,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     constants,
                     position_counts: self.encoders.position_counts(),
                     jump,
-                    trajectory: self.trajectories.accepted().map(|(trajectory, _)| trajectory),
+                    trajectory: self.trajectories.accepted(),
                 };
                 match self.motion.step(&tick) {
                     Ok(step) => {
@@ -203,9 +211,6 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     }
                 }
             }
-            if !self.motion.mode().is_moving() {
-                self.trajectories.advance_check(constants);
-            }
         } else {
             // Without constants there is no limit to call a change a jump.
             self.encoders.update(inputs.counts, [i32::MAX; 2]);
@@ -213,6 +218,22 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         let tick = self.tick;
         outputs.event = self.motion.take_mode_change().map(|mode| Event::Mode { tick, mode });
         outputs
+    }
+
+    /// Goes on with what is not urgent: the check of a trajectory. To be called after a tick that is not followed by a
+    /// request, which so much time is left for. Bounded time, no panic.
+    pub fn advance_check(&mut self) {
+        let mode = self.motion.mode();
+        if let Some(applied) = &self.parameters.applied
+            && !mode.is_moving()
+        {
+            self.trajectories.advance_check(&applied.constants, mode.is_powered());
+        }
+    }
+
+    /// What the firmware told about itself.
+    pub fn identity(&self) -> &BoardIdentity {
+        &self.identity
     }
 
     /// What the board is doing.
@@ -233,7 +254,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
 
     /// The active model, to be kept over a restart.
     pub fn active_model(&self) -> Option<&Model> {
-        self.parameters.model(ModelSlot::Active)
+        self.parameters.model(ModelSlot::Active).map(|held| &held.model)
     }
 
     /// Counts up with every change of [`Self::configuration`] or [`Self::active_model`], from 0 after a start or a

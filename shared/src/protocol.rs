@@ -31,7 +31,8 @@ pub use configuration::{
     ComputedTorqueConstants, Configuration, ConfigurationError, ConfigurationPart, CurrentScale, Field, GainLimitCause,
     Joint, JointConstants, LOOP_PERIODS_NS, LoopConstants, PartName,
 };
-pub use fault::Fault;
+pub use fault::{Fault, SourcePlace};
+pub(crate) use frame::crc_32;
 pub use frame::{Decoder, EncodeError, FrameCounters, FrameError, encode_board_message, encode_host_message};
 pub use limits::{ActiveLimit, LimitsActive};
 pub use messages::{

@@ -10,6 +10,7 @@
 //! | `bench` | runs all of it in lock-step |
 //! | `conversation`, `link` | the way from there to [`armid::client::Client`] |
 //! | [`observations`] | what is watched from outside meanwhile |
+//! | [`control_time`] | how long the control interrupt took |
 //!
 //! The image is the one that is flashed, byte for byte. It sees registers: timers that count encoder edges, converters,
 //! a serial port with DMA, the watchdog. Time is virtual and passes only while the host waits for the board, so a run
@@ -21,6 +22,7 @@
 
 mod arm;
 mod bench;
+pub mod control_time;
 mod conversation;
 mod dac;
 mod link;

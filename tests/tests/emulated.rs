@@ -10,7 +10,8 @@ use armid::board_setup::{board_model, configuration};
 use armid::client::{Client, Movement, MovementPlan, MovementProgress, Pose};
 use armid::hidden_robot::HiddenRobot;
 use armid::robot::Robot;
-use armid_tests::emulated_board::observations::{Observations, Tick};
+use armid_tests::emulated_board::control_time::{COMPUTED_TORQUE_LIMIT_US, ControlTime, POSITION_LIMIT_US};
+use armid_tests::emulated_board::observations::Observations;
 use armid_tests::emulated_board::{EmulatedBoard, FIRMWARE_VARIABLE, firmware_from_environment};
 use shared::board::MID_SCALE;
 use shared::protocol::{ControlLaw, Fault, Mode};
@@ -154,7 +155,7 @@ fn a_movement_under_the_position_loop_is_recorded_whole() {
     // What the simulated board shows for robots of this kind.
     assert!((60..250).contains(&largest[0]) && (40..200).contains(&largest[1]), "{largest:?}");
 
-    let observations = finish_within(board, client, 25.0);
+    let observations = finish_within(board, client, POSITION_LIMIT_US);
     check_always(&observations);
     assert!(observations.edges.iter().all(|&edges| edges > 10_000), "{:?}", observations.edges);
 }
@@ -178,41 +179,17 @@ fn computed_torque_with_the_true_model_stays_within_one_count() {
         largest_errors(&movement)
     );
     assert!(within as f64 >= 0.99 * movement.samples.len() as f64, "{within} of {}", movement.samples.len());
-    check_always(&finish_within(board, client, 50.0));
+    check_always(&finish_within(board, client, COMPUTED_TORQUE_LIMIT_US));
 }
 
-/// Longest run of the control interrupt that answers a request, in µs on the emulated core. More than the shortest loop
-/// period of 50 µs, but well within the default of 700 µs.
-const REQUEST_LIMIT_US: f64 = 90.0;
-
-/// Ends the run, prints how long the control interrupt took while the amplifiers were on, and checks that it was no
-/// longer than `limit_us` on the emulated core, but for the few runs that answer a request.
+/// Ends the run, prints how long the control interrupt took while the amplifiers were on, and checks that no run of it
+/// was longer than `limit_us` on the emulated core.
 fn finish_within(board: EmulatedBoard, mut client: Client, limit_us: f64) -> Observations {
     let timing = client.hello().expect("an answer").timing;
     let observations = board.finish().expect("a run without error");
-    let switched = |on: bool, from_ns: u64| {
-        let mut changes = observations.outputs.iter();
-        let change = changes.find(|change| change.at_ns > from_ns && change.outputs.amplifiers_enabled == on);
-        change.expect("switched on and off again").at_ns
-    };
-    let on_ns = switched(true, 0);
-    let off_ns = switched(false, on_ns);
-    let mut ticks: Vec<Tick> =
-        observations.ticks.iter().copied().filter(|tick| (on_ns..off_ns).contains(&tick.start_ns)).collect();
-    ticks.sort_by_key(|tick| tick.instructions);
-    let worst = ticks.last().expect("a tick with the amplifiers on");
-    // A host asks ten times a second, so at most every hundredth run has a request to answer.
-    let alone = ticks[ticks.len() * 98 / 100];
-    println!(
-        "control interrupt while powered: median {}, 98 % {} ({:.1} µs), worst {} instructions ({:.1} µs)",
-        ticks[ticks.len() / 2].instructions,
-        alone.instructions,
-        alone.duration_us(),
-        worst.instructions,
-        worst.duration_us(),
-    );
-    assert!(alone.duration_us() <= limit_us, "the control interrupt took {:.1} µs", alone.duration_us());
-    assert!(worst.duration_us() <= REQUEST_LIMIT_US, "with a request {:.1} µs", worst.duration_us());
+    let time = ControlTime::while_powered(&observations).expect("switched on and off again");
+    println!("control interrupt while powered: {time}");
+    assert!(time.longest().duration_us() <= limit_us, "{time}");
     assert_eq!(timing.missed_deadlines, 0);
     observations
 }

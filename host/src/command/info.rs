@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde_json::json;
-use shared::protocol::{Link, Mode};
+use shared::protocol::{Fault, Link, Mode};
 
 use super::CommandError;
 use super::common::{BoardArguments, RobotArguments, print, print_json};
@@ -37,6 +37,7 @@ impl Info {
         let chip_id: String = identity.chip_id.iter().map(|byte| format!("{byte:02x}")).collect();
         let crc = |crc: Option<u32>| crc.map(|crc| format!("{crc:08x}"));
         let recording = status.recording;
+        let named = |fault: Fault| json!({"name": fault.name(), "message": fault.to_string()});
         if self.json {
             return print_json(&json!({
                 "address": client.address(),
@@ -46,10 +47,10 @@ impl Info {
                 "protocol_version": info.protocol_version,
                 "chip_id": chip_id,
                 "chip_revision": identity.chip_revision,
-                "reset_cause": format!("{:?}", identity.reset_cause),
+                "reset_cause": identity.reset_cause.name(),
                 "mode": status.mode.name(),
-                "fault": fault.map(|fault| json!({"name": fault.name(), "message": fault.to_string()})),
-                "last_fault": info.last_fault.map(|fault| fault.to_string()),
+                "fault": fault.map(named),
+                "last_fault": info.last_fault.map(named),
                 "pose_known": status.pose_known,
                 "position_counts": status.position_counts,
                 "current_a": status.current_a,
@@ -85,7 +86,7 @@ impl Info {
                 info.protocol_version
             ),
             format!("chip          {chip_id}, revision {:#06x}", identity.chip_revision),
-            format!("last start    {:?}", identity.reset_cause),
+            format!("last start    {}", identity.reset_cause.name()),
             format!("mode          {}", status.mode.name()),
         ];
         if let Some(fault) = fault {

@@ -112,6 +112,7 @@ impl SimulatedBoard {
         };
         let period_ns = u64::from(self.board.loop_period_ns());
         let outputs = self.board.tick(&inputs);
+        self.board.advance_check();
         if !outputs.amplifier_enable {
             // The brakes engage when power goes, and hold at once.
             self.amplifiers_on = false;

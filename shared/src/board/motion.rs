@@ -3,10 +3,12 @@
 use super::constants::{Constants, JointTick};
 use super::encoders::Jump;
 use super::path::{Clock, Path};
+use super::trajectories::Accepted;
 use super::{Inputs, MID_SCALE};
 use crate::control::{ComputedTorque, ComputedTorqueInput};
 use crate::protocol::{ActiveLimit, ControlLaw, Fault, Joint, LimitsActive, Link, Mode, Sample};
-use crate::trajectory::{Approach, Trajectory};
+use crate::scalar::Scalar as _;
+use crate::trajectory::Approach;
 
 /// What a tick looks at.
 pub(super) struct Tick<'a> {
@@ -15,7 +17,7 @@ pub(super) struct Tick<'a> {
     /// Motor positions in counts.
     pub(super) position_counts: [i32; 2],
     pub(super) jump: Option<Jump>,
-    pub(super) trajectory: Option<&'a Trajectory>,
+    pub(super) trajectory: Option<Accepted<'a>>,
 }
 
 /// What a tick gives while the amplifiers are on.
@@ -169,7 +171,7 @@ impl Motion {
             let index = joint.index();
             let joint = &constants.joints[index];
             let limit = joint.following_error_limit_counts as f32;
-            let error = (self.command_a[index] / joint.position_loop.gain_a_per_count).clamp(-limit, limit);
+            let error = (self.command_a[index] / joint.position_loop.gain_a_per_count).clamp_abs(limit);
             position_counts[index].saturating_add(error as i32)
         })
     }
@@ -225,7 +227,8 @@ impl Motion {
     pub(super) fn step(&mut self, tick: &Tick<'_>) -> Result<Step, Fault> {
         let constants = tick.constants;
         self.check_inputs(tick)?;
-        let reference = self.path.reference(&self.clock, 0, tick.trajectory, constants);
+        let trajectory = tick.trajectory.map(|accepted| accepted.trajectory);
+        let reference = self.path.reference(&self.clock, 0, trajectory, constants);
         let error = [0, 1].map(|index: usize| reference.counts[index].saturating_sub(tick.position_counts[index]));
         for (joint, error_counts) in constants.joints.iter().zip(error) {
             let limit_counts = joint.following_error_limit_counts;
@@ -244,7 +247,7 @@ impl Motion {
                 [ask(&constants.joints[0]), ask(&constants.joints[1])]
             }
             Law::ComputedTorque(controller) => {
-                let ahead = self.path.reference(&self.clock, constants.ahead_ns, tick.trajectory, constants);
+                let ahead = self.path.reference(&self.clock, constants.ahead_ns, trajectory, constants);
                 let input = ComputedTorqueInput {
                     reference: reference.joint,
                     reference_ahead: ahead.joint,
@@ -340,7 +343,7 @@ impl Motion {
                 return Err(Fault::BadModel { joint: joint.joint });
             }
             let limit_a = joint.drive.current_limit_a;
-            let command_a = asked_a.clamp(-limit_a, limit_a);
+            let command_a = asked_a.clamp_abs(limit_a);
             if asked_a.abs() > limit_a {
                 limits.insert(ActiveLimit::current(joint.joint));
                 self.at_limit_ns[index] = self.at_limit_ns[index].saturating_add(constants.loop_period_ns);
@@ -425,7 +428,7 @@ impl Motion {
     /// Holds the end of the trajectory under the law that led there.
     fn hold_end(&mut self, law: ControlLaw, tick: &Tick<'_>) {
         let [first, second] = &tick.constants.joints;
-        let end_rad = tick.trajectory.map_or([f32::NAN; 2], Trajectory::end_rad);
+        let end_rad = tick.trajectory.map_or([f32::NAN; 2], |accepted| accepted.end_rad);
         self.path = match law {
             ControlLaw::Position => {
                 let [a, b] = end_rad;

@@ -29,6 +29,15 @@ impl Checksum {
     }
 }
 
+/// The CRC-32 of pieces one after the other.
+pub(crate) fn crc_32(pieces: &[&[u8]]) -> u32 {
+    let mut checksum = Checksum::new();
+    for piece in pieces {
+        checksum.add(piece);
+    }
+    checksum.finish()
+}
+
 /// Why a message could not be put into a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EncodeError {

@@ -169,19 +169,6 @@ pub enum TrajectoryPhase {
     Refused,
 }
 
-impl TrajectoryState {
-    /// The state without its numbers.
-    pub fn phase(&self) -> TrajectoryPhase {
-        match self {
-            Self::Empty => TrajectoryPhase::Empty,
-            Self::Loading { .. } => TrajectoryPhase::Loading,
-            Self::Checking { .. } => TrajectoryPhase::Checking,
-            Self::Accepted { .. } => TrajectoryPhase::Accepted,
-            Self::Refused(_) => TrajectoryPhase::Refused,
-        }
-    }
-}
-
 /// What the board sends.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::large_enum_variant, reason = "all fit a frame, and nothing here allocates")]

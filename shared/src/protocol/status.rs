@@ -126,6 +126,19 @@ pub enum ResetCause {
     Other,
 }
 
+impl ResetCause {
+    /// The cause's name as shown to people and programs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PowerOn => "power-on",
+            Self::Pin => "reset-pin",
+            Self::Watchdog => "watchdog",
+            Self::Software => "software",
+            Self::Other => "other",
+        }
+    }
+}
+
 /// What the firmware knows about itself and its chip; given to the board when it is built.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BoardIdentity {
@@ -148,7 +161,7 @@ pub struct BoardIdentity {
 pub struct Timing {
     /// Frequency of the cycle counter in Hz.
     pub cycles_per_second: u32,
-    /// Longest control tick in cycles, requests included.
+    /// Longest control tick in cycles, requests included, since the amplifiers were last switched on.
     pub worst_tick_cycles: u32,
     /// Latest start of a control tick after its timer event, in cycles.
     pub worst_start_cycles: u32,
@@ -184,7 +197,8 @@ pub struct Info {
     pub knot_capacity: u16,
     /// [`super::Configuration::robot_identity`] of the applied configuration; `None` where there is none.
     pub robot_identity: Option<u32>,
-    /// The latest fault since the start, cleared or not; or, from the firmware, the one before a reset.
+    /// The latest fault, cleared or not: since the start, or else the last one before it, of those that were kept over
+    /// the reset ([`crate::board::KeptFault`]).
     pub last_fault: Option<Fault>,
     /// Times measured by the firmware.
     pub timing: Timing,

@@ -1,6 +1,7 @@
 //! The board as a state machine around a simulated arm: movements, faults, requests.
 
 mod faults;
+mod kept_faults;
 mod movements;
 mod requests;
 mod rig;

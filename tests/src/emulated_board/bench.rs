@@ -213,6 +213,7 @@ impl Driver<Nucleo> for Bench {
             self.drive_pins(board, stop.at);
         }
         self.advance_arm(board, stop.at);
+        board.set_current_codes(self.arm.current_codes());
         board.look_at_usb_pins(stop.at);
         self.act_on_usb(board, stop.at);
         if !self.serve_host(board, stop.at) {

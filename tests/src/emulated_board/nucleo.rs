@@ -9,6 +9,7 @@ use rigless::mcu::{Mcu, Operate as _};
 use rigless::snapshot::Store;
 use rigless::soc::Error;
 use rigless::soc::st::tim;
+use rigless::soc::stm32f427::generated::gpioa;
 use rigless::soc::stm32f427::peripherals::{
     adc,
     gpio::{Gpio, Pin},
@@ -34,11 +35,30 @@ const SUPPLY_MV: u32 = 3300;
 /// reference one of them is exactly one code, so that nothing is rounded twice.
 const CONVERTER_REFERENCE_MV: u32 = 4095;
 
-/// Inputs for the currents of joint 2 and 3: PA3 and PC0.
-const CURRENT_CHANNELS: [u8; 2] = [3, 10];
+/// What an input of the converters shows while its pin is not analogue, and so cut off: the largest current, so that
+/// it does not go unnoticed.
+const CUT_OFF_CODE: u16 = 4095;
+
+/// A pin that has to be analogue to reach a converter, or be reached by one.
+#[derive(Clone, Copy)]
+struct AnaloguePin {
+    port: usize,
+    pin: u8,
+}
+
+/// Inputs for the currents of joint 2 and 3: the channel of the converter, ADC1 and ADC2, and its pin.
+const CURRENT_INPUTS: [(u8, AnaloguePin); 2] =
+    [(3, AnaloguePin { port: PORT_A, pin: 3 }), (10, AnaloguePin { port: PORT_C, pin: 0 })];
+
+/// Outputs for the current commands of joint 2 and 3.
+const COMMAND_OUTPUTS: [AnaloguePin; 2] = [AnaloguePin { port: PORT_A, pin: 4 }, AnaloguePin { port: PORT_A, pin: 5 }];
+
+/// Mode of a pin in the port's mode register (RM0090, 8.4.1).
+const MODE_ANALOGUE: u64 = 3;
 
 const PORT_A: usize = 0;
 const PORT_B: usize = 1;
+const PORT_C: usize = 2;
 const PORT_D: usize = 3;
 const PORT_F: usize = 5;
 
@@ -105,16 +125,20 @@ impl Nucleo {
         let stm32 = &mut part.stm32;
         stm32.rcc.attach_crystals(HIGH_SPEED_CLOCK.0, Crystal::NONE.0);
         stm32.set_supply(SUPPLY_MV);
-        stm32.adc[0].set_reference(CONVERTER_REFERENCE_MV);
+        for converter in &mut stm32.adc[..2] {
+            converter.set_reference(CONVERTER_REFERENCE_MV);
+        }
         stm32.usart[SERIAL_PORT].attach(Wire::default());
         Ok(Self { part })
     }
 
-    /// Both measured currents, as the codes they are to be converted to.
+    /// Both measured currents, as the codes they are to be converted to. They reach the converters through the pins as
+    /// these are set at this instant.
     pub fn set_current_codes(&mut self, codes: [u16; 2]) {
-        for (channel, code) in CURRENT_CHANNELS.into_iter().zip(codes) {
+        for (joint, (channel, input)) in CURRENT_INPUTS.into_iter().enumerate() {
             let channel = adc::Channel::new(channel).expect("an input of the converter");
-            self.part.stm32.adc[0].set_input(channel, code.into());
+            let code = if self.is_analogue(input) { codes[joint] } else { CUT_OFF_CODE };
+            self.part.stm32.adc[joint].set_input(channel, code.into());
         }
     }
 
@@ -168,11 +192,15 @@ impl Nucleo {
 
     /// What is put out at this instant.
     pub fn outputs(&mut self) -> Outputs {
+        let codes = self.part.dac.outputs();
+        let command_code = [0, 1].map(|joint| codes[joint].filter(|_| self.is_analogue(COMMAND_OUTPUTS[joint])));
         let (port, registers) = self.part.stm32.port(PORT_F);
-        Outputs {
-            command_code: self.part.dac.outputs(),
-            amplifiers_enabled: port.level(pin(ENABLE_PIN), registers) == Level::High,
-        }
+        Outputs { command_code, amplifiers_enabled: port.level(pin(ENABLE_PIN), registers) == Level::High }
+    }
+
+    fn is_analogue(&mut self, wanted: AnaloguePin) -> bool {
+        let (_, registers) = self.part.stm32.port(wanted.port);
+        registers.get(gpioa::Register::Moder) >> (2 * wanted.pin) & 3 == MODE_ANALOGUE
     }
 
     fn carries(&mut self, wanted: FunctionPin) -> bool {
