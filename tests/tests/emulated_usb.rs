@@ -3,6 +3,7 @@
 //! `tests/run emulated` builds the image and runs these. Without an image in the environment they pass without having
 //! shown anything, and say so.
 
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use armid::board_setup::configuration;
@@ -149,16 +150,20 @@ fn check_undisturbed(movement: &Movement, reference: &Movement) {
     assert!(largest <= Some(1) && differing * 20 < reference.samples.len(), "the control was disturbed");
 }
 
-/// What the same movement brings when nothing disturbs it.
-fn undisturbed() -> Option<Movement> {
-    let board = switched_on()?;
-    let mut client = connected(board.usb_link());
-    prepare(&mut client, &to_and_fro());
-    let movement = run(&mut client, || {});
-    check_complete(&movement);
-    assert_eq!((movement.reread_rows, client.repeats()), (0, 0));
-    finish(board);
-    Some(movement)
+/// What the same movement brings when nothing disturbs it; run once for all tests.
+fn undisturbed() -> Option<&'static Movement> {
+    static MOVEMENT: OnceLock<Option<Movement>> = OnceLock::new();
+    let run_it = || {
+        let board = switched_on()?;
+        let mut client = connected(board.usb_link());
+        prepare(&mut client, &to_and_fro());
+        let movement = run(&mut client, || {});
+        check_complete(&movement);
+        assert_eq!((movement.reread_rows, client.repeats()), (0, 0));
+        finish(board);
+        Some(movement)
+    };
+    MOVEMENT.get_or_init(run_it).as_ref()
 }
 
 #[test]
@@ -242,7 +247,7 @@ fn a_pulled_cable_disturbs_nothing_and_loses_no_row() {
     assert!((570..1000).contains(&movement.reread_rows), "{}", movement.reread_rows);
     // What was lost was counted, but for what was on its way when the cable was pulled: a packet, two frames.
     assert!((0..=4).contains(&(movement.reread_rows as i64 - i64::from(counters.telemetry_dropped))), "{counters:?}");
-    check_undisturbed(&movement, &reference);
+    check_undisturbed(&movement, reference);
     let again = once();
     assert!((movement, counters) == (again.0, again.1), "another run went differently");
     assert!(observations == again.2, "another run was seen differently");
@@ -262,7 +267,7 @@ fn a_reader_that_stalls_disturbs_nothing_and_loses_no_row() {
     // 0.4 s are 571 rows. The packet that was ready and those of the last tenth of a second may still arrive.
     assert!((400..600).contains(&movement.reread_rows), "{}", movement.reread_rows);
     assert_eq!(counters.telemetry_dropped, movement.reread_rows);
-    check_undisturbed(&movement, &reference);
+    check_undisturbed(&movement, reference);
     finish(board);
 }
 
@@ -281,7 +286,7 @@ fn a_bus_put_to_sleep_disturbs_nothing_and_loses_no_row() {
     check_complete(&movement);
     assert!((280..400).contains(&movement.reread_rows), "{}", movement.reread_rows);
     assert!((0..=4).contains(&(movement.reread_rows as i64 - i64::from(counters.telemetry_dropped))), "{counters:?}");
-    check_undisturbed(&movement, &reference);
+    check_undisturbed(&movement, reference);
     finish(board);
 }
 
@@ -330,7 +335,7 @@ fn both_links_are_served_at_once() {
     for link in links {
         assert_eq!((link.telemetry_dropped, link.replies_dropped, link.bad_frames), (0, 0, 0));
     }
-    check_undisturbed(&movement, &reference);
+    check_undisturbed(&movement, reference);
     finish(board);
 }
 
