@@ -52,14 +52,16 @@ pub struct Control {
     pub amplifiers: Amplifiers,
     /// High when the emergency stop is pressed, or its wire broken.
     pub emergency_stop: Input<'static>,
-    /// Its end of the serial link.
-    pub serial: ControlEnd,
+    /// Its ends of the links, in the order of [`Link::ALL`].
+    pub links: [ControlEnd; 2],
     /// Measures it.
     pub stopwatch: Stopwatch,
 }
 
 struct Running {
     control: Control,
+    /// Index of the link whose turn it is to be answered.
+    next_link: usize,
     period_ns: u32,
     deadline_missed: bool,
 }
@@ -77,7 +79,7 @@ pub fn ticks() -> u32 {
 pub fn start(timer: Peri<'static, TIM1>, control: Control) {
     let period_ns = control.board.loop_period_ns();
     // SAFETY: the only call, since there is only one TIM1 to call it with, and the interrupt is enabled below.
-    unsafe { RUNNING.hand_over(Running { control, period_ns, deadline_missed: false }) };
+    unsafe { RUNNING.hand_over(Running { control, next_link: 0, period_ns, deadline_missed: false }) };
     let timer = Timer::new(timer);
     // Sets the prescaler; the period follows.
     timer.set_period_clocks(LONGEST_PERIOD_CYCLES, RoundTo::Faster);
@@ -136,32 +138,38 @@ impl Running {
             if let Event::Mode { mode: Mode::Fault(fault), .. } = &event {
                 last_fault::keep(fault);
             }
-            control.serial.event(event);
+            for link in &mut control.links {
+                link.event(event);
+            }
         }
-        match outputs.telemetry {
-            Some(row) if row.link == Link::Serial => control.serial.telemetry(row),
-            _ => {}
+        if let Some(row) = outputs.telemetry {
+            control.links[row.link as usize].telemetry(row);
         }
     }
 
-    /// At most one request a period, after the outputs: what a host asks for never delays the arm. None where the last
-    /// run was too long: requests that take several periods, possible while the amplifiers are off, then leave the
-    /// tasks a period in between, the one that feeds the watchdog among them.
+    /// At most one request a period, after the outputs: what a host asks for never delays the arm. Two hosts are
+    /// answered in turns. None where the last run was too long: requests that take several periods, possible while the
+    /// amplifiers are off, then leave the tasks a period in between, the one that feeds the watchdog among them.
     fn answer(&mut self) {
-        let control = &mut self.control;
         if self.deadline_missed {
             return;
         }
-        let Control { board, serial, stopwatch, .. } = control;
-        let counters = serial.counters();
-        let answered = serial.answer_next(|ExaminedRequest { message, findings }, reply| {
-            board.report_timing(stopwatch.timing());
-            board.report_link(Link::Serial, counters);
-            board.answer(Link::Serial, message.sequence, &message.request, findings, reply);
-        });
-        if !answered {
-            board.advance_check();
+        let Control { board, links, stopwatch, .. } = &mut self.control;
+        let counters = [links[0].counters(), links[1].counters()];
+        for index in [self.next_link, 1 - self.next_link] {
+            let answered = links[index].answer_next(|ExaminedRequest { message, findings }, reply| {
+                board.report_timing(stopwatch.timing());
+                for (link, counters) in Link::ALL.into_iter().zip(counters) {
+                    board.report_link(link, counters);
+                }
+                board.answer(Link::ALL[index], message.sequence, &message.request, findings, reply);
+            });
+            if answered {
+                self.next_link = 1 - index;
+                return;
+            }
         }
+        board.advance_check();
     }
 
     /// A new configuration can bring another loop period.

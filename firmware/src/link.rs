@@ -8,7 +8,7 @@
 //! fit is dropped and counted, so a stalled host cannot disturb control. A lost reply is asked for again, a lost
 //! row is still in the recording.
 
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 use embassy_stm32::{
     interrupt,
@@ -57,6 +57,10 @@ pub struct ExaminedRequest {
 
 /// What the interrupt and the tasks of one link count, and how they wake each other.
 pub struct LinkState {
+    /// Whether anybody may be listening. Nothing is queued for nobody.
+    connected: AtomicBool,
+    /// Whether the interrupt wants the sending task woken.
+    wake: AtomicBool,
     outgoing: Signal<CriticalSectionRawMutex, ()>,
     received: AtomicU32,
     bad_frames: AtomicU32,
@@ -67,8 +71,10 @@ pub struct LinkState {
 }
 
 impl LinkState {
-    const fn new() -> Self {
+    const fn new(connected: bool) -> Self {
         Self {
+            connected: AtomicBool::new(connected),
+            wake: AtomicBool::new(false),
             outgoing: Signal::new(),
             received: AtomicU32::new(0),
             bad_frames: AtomicU32::new(0),
@@ -79,8 +85,11 @@ impl LinkState {
     }
 }
 
-/// State of the serial link. Static, because the relay interrupt below wakes its task.
-pub static SERIAL: LinkState = LinkState::new();
+/// State of the USB link. Static, because the relay interrupt below wakes its task.
+pub static USB: LinkState = LinkState::new(false);
+
+/// State of the serial link, which cannot tell whether anybody listens.
+pub static SERIAL: LinkState = LinkState::new(true);
 
 impl Link {
     /// A link with nothing under way.
@@ -141,24 +150,37 @@ impl ControlEnd {
         self.requests.dequeue();
         // As much room as there are places.
         let _ = self.replies.enqueue(place);
-        wake_senders();
+        self.wake_sender();
         true
     }
 
     /// Tells the host something it has not asked for.
     pub fn event(&mut self, event: Event) {
+        if !self.is_connected() {
+            return;
+        }
         if self.events.enqueue(event).is_err() {
             count(&self.state.replies_dropped);
         }
-        wake_senders();
+        self.wake_sender();
     }
 
-    /// Sends a recorded row.
+    /// Sends a recorded row. A host that asked for it and has gone since is told by the count what it missed.
     pub fn telemetry(&mut self, telemetry: Telemetry) {
-        if self.telemetry.enqueue(telemetry).is_err() {
+        if !self.is_connected() || self.telemetry.enqueue(telemetry).is_err() {
             count(&self.state.telemetry_dropped);
         }
-        wake_senders();
+        self.wake_sender();
+    }
+
+    fn is_connected(&self) -> bool {
+        self.state.connected.load(Ordering::Relaxed)
+    }
+
+    /// The interrupt may not wake a task itself (see `critical_section.rs`): the relay below does.
+    fn wake_sender(&self) {
+        self.state.wake.store(true, Ordering::Relaxed);
+        RELAY.pend();
     }
 
     /// Traffic since the start.
@@ -180,6 +202,11 @@ pub struct ReceiveEnd {
 }
 
 impl ReceiveEnd {
+    /// Forgets a frame of which only the beginning has come: another host sends now.
+    pub fn restart(&mut self) {
+        self.decoder = Decoder::new();
+    }
+
     /// Takes in received bytes, and waits while the interrupt has not taken earlier requests: it takes one a period.
     pub async fn accept(&mut self, bytes: &[u8]) {
         for &byte in bytes {
@@ -214,23 +241,80 @@ pub struct SendEnd {
     state: &'static LinkState,
 }
 
+/// What a frame carries, as far as its loss matters.
+#[derive(Clone, Copy)]
+pub enum Carries {
+    /// A recorded row, which can be read again.
+    Row,
+    /// An answer, which can be asked for again, or an event.
+    Other,
+}
+
 impl SendEnd {
-    /// Waits for the next message and puts it into a frame. Answers go before rows, which can be read again.
+    /// Waits for the next message and puts it into a frame.
     pub async fn next_frame<'a>(&mut self, buffer: &'a mut [u8; MAX_FRAME]) -> &'a [u8] {
         loop {
-            let Some(message) = self.next_message() else {
-                self.state.outgoing.wait().await;
-                continue;
-            };
-            // The borrow checker does not yet see that the buffer is free again after an error.
-            match encode_board_message(&message, buffer).map(<[u8]>::len) {
-                Ok(length) => return &buffer[..length],
+            // The borrow checker does not yet see that the buffer is free again where there is no frame.
+            match self.try_next_frame(buffer) {
+                Some((length, _)) => return &buffer[..length],
+                None => self.wait().await,
+            }
+        }
+    }
+
+    /// Puts the next message into a frame and returns its length. Answers go before rows, which can be read again.
+    pub fn try_next_frame(&mut self, buffer: &mut [u8; MAX_FRAME]) -> Option<(usize, Carries)> {
+        loop {
+            let message = self.next_message()?;
+            let carries = if matches!(message, BoardMessage::Telemetry { .. }) { Carries::Row } else { Carries::Other };
+            match encode_board_message(&message, buffer) {
+                Ok(frame) => return Some((frame.len(), carries)),
                 Err(_) => {
-                    count(&self.state.replies_dropped);
+                    self.lost(0, 1);
                     defmt::error!("a message does not fit a frame of {} bytes", MAX_FRAME);
                 }
             }
         }
+    }
+
+    /// Waits until there may be another message.
+    pub async fn wait(&self) {
+        self.state.outgoing.wait().await;
+    }
+
+    /// Counts what the host did not take.
+    pub fn lost(&self, rows: u32, others: u32) {
+        self.state.telemetry_dropped.fetch_add(rows, Ordering::Relaxed);
+        self.state.replies_dropped.fetch_add(others, Ordering::Relaxed);
+    }
+
+    /// Throws away what is queued, and counts it.
+    pub fn discard(&mut self) {
+        let (mut rows, mut others) = (0, 0);
+        while self.telemetry.dequeue().is_some() {
+            rows += 1;
+        }
+        while let Some(place) = self.replies.dequeue() {
+            // As much room as there are places.
+            let _ = self.free_replies.enqueue(place);
+            others += 1;
+        }
+        while self.events.dequeue().is_some() {
+            others += 1;
+        }
+        self.lost(rows, others);
+    }
+
+    /// Somebody listens from now on, and gets nothing that was meant for somebody else.
+    pub fn connect(&mut self) {
+        self.discard();
+        self.state.connected.store(true, Ordering::Relaxed);
+    }
+
+    /// Nobody listens any more.
+    pub fn disconnect(&mut self) {
+        self.state.connected.store(false, Ordering::Relaxed);
+        self.discard();
     }
 
     fn next_message(&mut self) -> Option<BoardMessage> {
@@ -259,8 +343,8 @@ fn count(counter: &AtomicU32) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
-/// The control interrupt may not wake a task itself (see `critical_section.rs`). It requests this interrupt instead,
-/// whose peripheral the board does not use, and which has a priority from which tasks may be woken.
+/// An interrupt that the control interrupt requests to have tasks woken. The board does not use its peripheral, and it
+/// has a priority from which tasks may be woken.
 const RELAY: Interrupt = Interrupt::DCMI;
 
 /// Lets the relay run when requested; call it once, before the control interrupt starts.
@@ -269,11 +353,13 @@ pub fn enable_relay() {
     unsafe { RELAY.enable() };
 }
 
-fn wake_senders() {
-    RELAY.pend();
-}
-
 #[interrupt]
 fn DCMI() {
-    SERIAL.outgoing.signal(());
+    for state in [&USB, &SERIAL] {
+        // Not one swap: requested again in between, the relay runs again.
+        if state.wake.load(Ordering::Relaxed) {
+            state.wake.store(false, Ordering::Relaxed);
+            state.outgoing.signal(());
+        }
+    }
 }

@@ -12,7 +12,7 @@
 //! | PF12 | D8 | amplifier enable, high = on; needs a pull-down outside |
 //! | PF13 | D7 | emergency stop: normally closed contact to ground, open = stop |
 //! | PD8, PD9 | – | serial link through the ST-LINK (USART3) |
-//! | PA11, PA12 | – | kept for USB |
+//! | PA11, PA12 | user USB | USB link |
 //!
 //! PA1 also carries the 50 MHz reference clock of the Ethernet chip on the Nucleo board, until the solder bridge between
 //! them is opened (SB13 on the boards of 2016; check the manual of yours).
@@ -30,6 +30,7 @@ mod interrupt_priorities;
 mod last_fault;
 mod link;
 mod link_serial;
+mod link_usb;
 mod safe_output;
 mod timing;
 mod watchdog;
@@ -64,12 +65,16 @@ async fn main(spawner: Spawner) {
     static ROWS: ConstStaticCell<[PackedSample; DEFAULT_SAMPLES]> =
         ConstStaticCell::new([PackedSample::EMPTY; DEFAULT_SAMPLES]);
     static BOARD: StaticCell<Board<&'static mut [PackedSample]>> = StaticCell::new();
-    let board = BOARD.init_with(|| Board::new(identity::read(), ROWS.take()));
+    let identity = identity::read();
+    let chip_id = identity.chip_id;
+    let board = BOARD.init_with(|| Board::new(identity, ROWS.take()));
     if let Some(fault) = last_fault::at_start(board.identity().reset_cause) {
         board.report_last_fault(fault);
     }
 
-    // Made at run time: its initial value is not all zeros, and would take 4 KB of flash.
+    // Made at run time: their initial values are not all zeros, and would take 4 KB of flash each.
+    static USB: StaticCell<Link> = StaticCell::new();
+    let (usb, usb_receive, usb_send) = USB.init_with(Link::new).split(&link::USB);
     static SERIAL: StaticCell<Link> = StaticCell::new();
     let (serial, serial_receive, serial_send) = SERIAL.init_with(Link::new).split(&link::SERIAL);
     link::enable_relay();
@@ -92,12 +97,16 @@ async fn main(spawner: Spawner) {
         ),
         amplifiers,
         emergency_stop: Input::new(peripherals.PF13, Pull::Up),
-        serial,
+        links: [usb, serial],
         stopwatch: Stopwatch::new(core_peripherals.DCB, core_peripherals.DWT),
     };
     control_interrupt::start(peripherals.TIM1, control);
 
     spawner.spawn(watchdog::feed(watchdog).expect("spawned once"));
+    let port = link_usb::open(peripherals.USB_OTG_FS, peripherals.PA12, peripherals.PA11, &chip_id);
+    spawner.spawn(link_usb::run(port.device).expect("spawned once"));
+    spawner.spawn(link_usb::receive(port.receiver, usb_receive).expect("spawned once"));
+    spawner.spawn(link_usb::send(port.sender, port.control, usb_send).expect("spawned once"));
     spawner.spawn(link_serial::receive(receiver, serial_receive).expect("spawned once"));
     spawner.spawn(link_serial::send(transmitter, serial_send).expect("spawned once"));
 }

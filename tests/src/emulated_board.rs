@@ -3,8 +3,9 @@
 //! | module | its one job |
 //! |---|---|
 //! | [`nucleo`] | the board: clock, supply, and which pin carries what |
-//! | `part`, `dac` | the microcontroller, with a model of the converter that the emulator lacks |
+//! | `part`, `dac` | the microcontroller, with models of the converter and the USB core that the emulator lacks |
 //! | `wire` | the serial line |
+//! | [`usb`] | the part's USB core, a cable, and a host that recognises the board |
 //! | `arm` | currents in, encoder edges and measured currents out |
 //! | `bench` | runs all of it in lock-step |
 //! | `conversation`, `link` | the way from there to [`armid::client::Client`] |
@@ -16,7 +17,8 @@
 //! depends on nothing but its inputs.
 //!
 //! What this does not show: wait states of the flash memory and instructions of several cycles (the emulated core is
-//! set slower instead), anything analogue, and every difference between the models and silicon.
+//! set slower instead), anything analogue, the electrical side of USB, and every difference between the models and
+//! silicon.
 
 mod arm;
 mod bench;
@@ -27,6 +29,7 @@ mod link;
 pub mod nucleo;
 pub mod observations;
 mod part;
+pub mod usb;
 mod wire;
 
 use std::path::{Path, PathBuf};
@@ -42,14 +45,18 @@ use rigless::session::Session;
 use rigless::time::VirtualNanos;
 
 use arm::SimulatedArm;
-use bench::Bench;
+use bench::{Bench, Until};
 use conversation::Conversation;
 pub use link::EmulatedLink;
 use nucleo::Nucleo;
 use observations::Observations;
+use usb::UsbAction;
 
 /// Names the image to run.
 pub const FIRMWARE_VARIABLE: &str = "ARMID_FIRMWARE";
+
+/// How long a system takes at most until a board that was plugged in has its port.
+const USB_APPEARS_WITHIN: Duration = Duration::from_secs(2);
 
 /// The image that the environment names; nothing where it names none.
 pub fn firmware_from_environment() -> Option<PathBuf> {
@@ -97,7 +104,33 @@ impl EmulatedBoard {
 
     /// Its serial line.
     pub fn link(&self) -> EmulatedLink {
-        EmulatedLink::new(self.conversation.clone())
+        EmulatedLink::new(self.conversation.clone(), shared::protocol::Link::Serial)
+    }
+
+    /// Its USB port, opened by the first use that waits for it.
+    pub fn usb_link(&self) -> EmulatedLink {
+        self.plan_on_usb(Duration::ZERO, UsbAction::Open(true));
+        let mut link = EmulatedLink::new(self.conversation.clone(), shared::protocol::Link::Usb);
+        // Without a board at the other end, the first use says so.
+        let _ = armid::link::Link::reopen(&mut link, USB_APPEARS_WITHIN);
+        link
+    }
+
+    /// Lets something happen on USB so much later.
+    pub fn plan_on_usb(&self, after: Duration, action: UsbAction) {
+        self.with(|conversation| conversation.plan_on_usb(after, action));
+    }
+
+    /// Pulls the USB cable now and plugs it in again so much later.
+    pub fn unplug_usb_for(&self, duration: Duration) {
+        self.plan_on_usb(Duration::ZERO, UsbAction::Plug(false));
+        self.plan_on_usb(duration, UsbAction::Plug(true));
+    }
+
+    /// The program at the USB port stops reading now and goes on so much later.
+    pub fn stall_usb_for(&self, duration: Duration) {
+        self.plan_on_usb(Duration::ZERO, UsbAction::Stall(true));
+        self.plan_on_usb(duration, UsbAction::Stall(false));
     }
 
     /// The board's time.
@@ -108,7 +141,7 @@ impl EmulatedBoard {
     /// Lets the board run with nobody at the line.
     pub fn run(&self, duration: Duration) {
         // An emulation that has ended says why in `finish`.
-        let _ = self.with(|conversation| conversation.run(duration, false));
+        let _ = self.with(|conversation| conversation.run(duration, Until::TimeIsUp));
     }
 
     /// Presses or releases the emergency stop.

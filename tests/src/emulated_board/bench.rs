@@ -6,10 +6,12 @@ use rigless::emulator::{AccessKind, Driver, Host, Settled, Stop};
 use rigless::session::Session;
 use rigless::soc::stm32f427::generated::{DAC, GPIOF};
 use rigless::time::VirtualNanos;
+use shared::protocol::Link;
 
 use super::arm::SimulatedArm;
 use super::nucleo::{Nucleo, Outputs};
 use super::observations::{Observations, OutputChange, Tick};
+use super::usb::UsbAction;
 
 /// Ends every frame of the protocol, and occurs nowhere else.
 const FRAME_END: u8 = 0;
@@ -18,17 +20,33 @@ const FRAME_END: u8 = 0;
 const TIM1_STATUS: u64 = 0x4001_0010;
 const TIM1_COUNTER: u64 = 0x4001_0024;
 
+/// What ends a run early.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Until {
+    /// Nothing.
+    #[default]
+    TimeIsUp,
+    /// The board has sent a frame over this link, or the link is gone.
+    Frame(Link),
+    /// The USB port is open.
+    UsbIsOpen,
+}
+
 /// What the host asks for: bytes to the board, then time.
 #[derive(Debug, Default)]
 pub struct Command {
-    /// Bytes to put on the line.
+    /// Bytes to put on the serial line.
     pub to_board: Vec<u8>,
+    /// Bytes for the USB port.
+    pub to_usb: Vec<u8>,
+    /// What is to happen on USB, and when, in ns.
+    pub usb_actions: Vec<(u64, UsbAction)>,
     /// Whether the emergency stop is pressed.
     pub emergency_stop: bool,
     /// Until when to run at most, in ns.
     pub run_until_ns: u64,
-    /// Whether to come back when the board has sent a frame.
-    pub until_frame: bool,
+    /// When to come back earlier.
+    pub until: Until,
 }
 
 /// What it gets back.
@@ -36,8 +54,12 @@ pub struct Command {
 pub struct Answer {
     /// What time it is, in ns.
     pub at_ns: u64,
-    /// What the board has sent.
+    /// What the board has sent over the serial line.
     pub from_board: Vec<u8>,
+    /// What the board has sent over USB.
+    pub from_usb: Vec<u8>,
+    /// Whether the USB port is open.
+    pub usb_is_open: bool,
 }
 
 /// The emulator asks it at every stop what happens next. It waits for the host whenever nothing is left to run, so
@@ -48,6 +70,7 @@ pub struct Bench {
     commands: Receiver<Command>,
     answers: Sender<Answer>,
     command: Command,
+    usb_actions: Vec<(u64, UsbAction)>,
     outputs: Option<Outputs>,
     restarts_seen: usize,
     tick: Option<(Tick, u64)>,
@@ -62,6 +85,7 @@ impl Bench {
             commands,
             answers,
             command: Command::default(),
+            usb_actions: Vec::new(),
             outputs: None,
             restarts_seen: 0,
             tick: None,
@@ -98,14 +122,23 @@ impl Bench {
     /// Lets the host have its turn as long as it wants no time to pass. False when it has gone.
     fn serve_host(&mut self, board: &mut Nucleo, at: VirtualNanos) -> bool {
         loop {
-            let frame_is_there =
-                self.command.until_frame && board.wire().is_some_and(|wire| wire.received().last() == Some(&FRAME_END));
-            if at.0 < self.command.run_until_ns && !frame_is_there {
+            let usb = board.usb().host();
+            let is_over = match self.command.until {
+                Until::TimeIsUp => false,
+                Until::Frame(Link::Serial) => {
+                    board.wire().is_some_and(|wire| wire.received().last() == Some(&FRAME_END))
+                }
+                Until::Frame(Link::Usb) => !usb.is_open() || usb.received().last() == Some(&FRAME_END),
+                Until::UsbIsOpen => usb.is_open(),
+            };
+            if at.0 < self.command.run_until_ns && !is_over {
                 return true;
             }
             if at.0 > 0 {
                 let from_board = board.wire().map(|wire| wire.take_received()).unwrap_or_default();
-                if self.answers.send(Answer { at_ns: at.0, from_board }).is_err() {
+                let usb_is_open = board.usb().host().is_open();
+                let from_usb = board.drive_usb(at, |usb, context| usb.drive(context, |host, _| host.take_received()));
+                if self.answers.send(Answer { at_ns: at.0, from_board, from_usb, usb_is_open }).is_err() {
                     return false;
                 }
             }
@@ -113,10 +146,27 @@ impl Bench {
             if let Some(wire) = board.wire() {
                 wire.send(command.to_board.drain(..));
             }
+            self.usb_actions.append(&mut command.usb_actions);
+            self.act_on_usb(board, at);
+            if !command.to_usb.is_empty() {
+                board.drive_usb(at, |usb, context| {
+                    usb.drive(context, |host, now_ns| host.send(now_ns, &command.to_usb))
+                });
+            }
             if command.emergency_stop != self.command.emergency_stop {
                 board.set_emergency_stop(at, command.emergency_stop);
             }
             self.command = command;
+        }
+    }
+
+    /// Does what is due on USB.
+    fn act_on_usb(&mut self, board: &mut Nucleo, at: VirtualNanos) {
+        let (due, later) = self.usb_actions.iter().partition(|(at_ns, _)| *at_ns <= at.0);
+        let due: Vec<(u64, UsbAction)> = due;
+        self.usb_actions = later;
+        for (_, action) in due {
+            board.drive_usb(at, |usb, context| usb.act(action, context));
         }
     }
 
@@ -164,6 +214,8 @@ impl Driver<Nucleo> for Bench {
         }
         self.advance_arm(board, stop.at);
         board.set_current_codes(self.arm.current_codes());
+        board.look_at_usb_pins(stop.at);
+        self.act_on_usb(board, stop.at);
         if !self.serve_host(board, stop.at) {
             self.observations.end_ns = stop.at.0;
             self.observations.instructions = stop.instruction_count;
@@ -171,7 +223,8 @@ impl Driver<Nucleo> for Bench {
             return None;
         }
         let edge_ns = self.arm.next_edge().map_or(u64::MAX, |edge| edge.at_ns);
-        let next_ns = self.arm.ahead_ns().min(edge_ns).min(self.command.run_until_ns);
+        let action_ns = self.usb_actions.iter().map(|&(at_ns, _)| at_ns).min().unwrap_or(u64::MAX);
+        let next_ns = self.arm.ahead_ns().min(edge_ns).min(action_ns).min(self.command.run_until_ns);
         Some(VirtualNanos(next_ns.max(stop.at.0 + 1)))
     }
 }

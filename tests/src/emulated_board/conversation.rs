@@ -4,7 +4,10 @@ use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use super::bench::{Answer, Command};
+use shared::protocol::Link;
+
+use super::bench::{Answer, Command, Until};
+use super::usb::UsbAction;
 
 /// What the host keeps of the conversation.
 #[derive(Debug)]
@@ -15,6 +18,10 @@ pub struct Conversation {
     now_ns: u64,
     to_board: Vec<u8>,
     from_board: VecDeque<u8>,
+    to_usb: Vec<u8>,
+    from_usb: VecDeque<u8>,
+    usb_actions: Vec<(u64, UsbAction)>,
+    usb_is_open: bool,
     emergency_stop: bool,
 }
 
@@ -27,6 +34,10 @@ impl Conversation {
             now_ns: 0,
             to_board: Vec::new(),
             from_board: VecDeque::new(),
+            to_usb: Vec::new(),
+            from_usb: VecDeque::new(),
+            usb_actions: Vec::new(),
+            usb_is_open: false,
             emergency_stop: false,
         }
     }
@@ -36,9 +47,22 @@ impl Conversation {
         Duration::from_nanos(self.now_ns)
     }
 
-    /// Puts bytes on the line as soon as time goes on.
-    pub fn send(&mut self, bytes: &[u8]) {
-        self.to_board.extend_from_slice(bytes);
+    /// Sends bytes over a link as soon as time goes on.
+    pub fn send(&mut self, link: Link, bytes: &[u8]) {
+        match link {
+            Link::Usb => self.to_usb.extend_from_slice(bytes),
+            Link::Serial => self.to_board.extend_from_slice(bytes),
+        }
+    }
+
+    /// Lets something happen on USB so much later.
+    pub fn plan_on_usb(&mut self, after: Duration, action: UsbAction) {
+        self.usb_actions.push((self.until_ns(after), action));
+    }
+
+    /// Whether the USB port is open.
+    pub fn usb_is_open(&self) -> bool {
+        self.usb_is_open
     }
 
     /// Presses or releases the emergency stop as soon as time goes on.
@@ -47,30 +71,46 @@ impl Conversation {
     }
 
     /// Lets the board run until it has sent a frame, for at most `timeout`; nothing when the emulation has ended.
-    pub fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Option<usize> {
-        if self.from_board.is_empty() {
-            self.run(timeout, true)?;
+    pub fn receive(&mut self, link: Link, buffer: &mut [u8], timeout: Duration) -> Option<usize> {
+        if self.from(link).is_empty() {
+            self.run(timeout, Until::Frame(link))?;
         }
-        let count = buffer.len().min(self.from_board.len());
-        for (slot, byte) in buffer.iter_mut().zip(self.from_board.drain(..count)) {
+        let from = self.from(link);
+        let count = buffer.len().min(from.len());
+        for (slot, byte) in buffer.iter_mut().zip(from.drain(..count)) {
             *slot = byte;
         }
         Some(count)
     }
 
     /// Lets the board run; nothing when the emulation has ended.
-    pub fn run(&mut self, duration: Duration, until_frame: bool) -> Option<()> {
+    pub fn run(&mut self, duration: Duration, until: Until) -> Option<()> {
         let command = Command {
             to_board: std::mem::take(&mut self.to_board),
             emergency_stop: self.emergency_stop,
-            run_until_ns: self.now_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)),
-            until_frame,
+            to_usb: std::mem::take(&mut self.to_usb),
+            usb_actions: std::mem::take(&mut self.usb_actions),
+            run_until_ns: self.until_ns(duration),
+            until,
         };
         self.commands.as_ref()?.send(command).ok()?;
         let answer = self.answers.recv().ok()?;
         self.now_ns = answer.at_ns;
         self.from_board.extend(answer.from_board);
+        self.from_usb.extend(answer.from_usb);
+        self.usb_is_open = answer.usb_is_open;
         Some(())
+    }
+
+    fn until_ns(&self, duration: Duration) -> u64 {
+        self.now_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX))
+    }
+
+    fn from(&mut self, link: Link) -> &mut VecDeque<u8> {
+        match link {
+            Link::Usb => &mut self.from_usb,
+            Link::Serial => &mut self.from_board,
+        }
     }
 
     /// Ends the run.

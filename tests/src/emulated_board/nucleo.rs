@@ -3,7 +3,7 @@
 use std::num::{NonZeroU32, NonZeroU64};
 
 use rigless::cpu::armv7m::windows;
-use rigless::device::Level;
+use rigless::device::{DeviceContext, Level};
 use rigless::machine::{Board, Crystal, Target, armv7m};
 use rigless::mcu::{Mcu, Operate as _};
 use rigless::snapshot::Store;
@@ -16,7 +16,7 @@ use rigless::soc::stm32f427::peripherals::{
 };
 use rigless::time::VirtualNanos;
 
-use super::{part::Part, wire::Wire};
+use super::{part::Part, usb::Usb, wire::Wire};
 
 /// Clock of the core and of TIM1.
 pub const CORE_CLOCK_HZ: u64 = 168_000_000;
@@ -96,6 +96,10 @@ const ENCODERS: [EncoderInput; 2] = [
 const SERIAL_PINS: [FunctionPin; 2] =
     [FunctionPin { port: PORT_D, pin: 8, function: 7 }, FunctionPin { port: PORT_D, pin: 9, function: 7 }];
 
+/// Data minus and data plus.
+const USB_PINS: [FunctionPin; 2] =
+    [FunctionPin { port: PORT_A, pin: 11, function: 10 }, FunctionPin { port: PORT_A, pin: 12, function: 10 }];
+
 const ENABLE_PIN: u8 = 12;
 const EMERGENCY_STOP_PIN: u8 = 13;
 
@@ -166,6 +170,24 @@ impl Nucleo {
     pub fn wire(&mut self) -> Option<&mut Wire> {
         let connected = SERIAL_PINS.into_iter().all(|pin| self.carries(pin));
         if connected { self.part.stm32.usart[SERIAL_PORT].chip_mut() } else { None }
+    }
+
+    /// Core, cable and host of USB, to look at.
+    pub fn usb(&self) -> &Usb {
+        &self.part.usb
+    }
+
+    /// Something happens to them from outside.
+    pub fn drive_usb<T>(&mut self, at: VirtualNanos, act: impl FnOnce(&mut Usb, &mut DeviceContext<'_>) -> T) -> T {
+        self.part.drive_usb(at, act)
+    }
+
+    /// The cable leads to the core only while both pins are the core's.
+    pub fn look_at_usb_pins(&mut self, at: VirtualNanos) {
+        let wired = USB_PINS.into_iter().all(|pin| self.carries(pin));
+        if self.part.usb.would_change(wired) {
+            self.part.drive_usb(at, |usb, context| usb.wire(wired, context));
+        }
     }
 
     /// What is put out at this instant.

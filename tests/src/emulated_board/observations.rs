@@ -4,6 +4,7 @@ use rigless::device::ResetCause;
 use rigless::session::Session;
 
 use super::nucleo::{CORE_CLOCK_HZ, INSTRUCTIONS_PER_SECOND, Nucleo, Outputs};
+use super::usb::Enumerated;
 
 /// Core cycles in one step of TIM1, as the firmware sets its prescaler.
 const CYCLES_PER_TIMER_STEP: u64 = 2;
@@ -49,6 +50,23 @@ pub struct Restart {
     pub cause: ResetCause,
 }
 
+/// What happened on USB.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct UsbTraffic {
+    /// What the host found out when it recognised the board last.
+    pub found: Enumerated,
+    /// How often it recognised the board.
+    pub enumerations: u32,
+    /// How often a control transfer failed.
+    pub failures: u32,
+    /// Packets of bytes that the board took.
+    pub packets_to_board: u64,
+    /// Packets of bytes that the board sent.
+    pub packets_from_board: u64,
+    /// How many of these were empty: they end a transfer whose other packets are full.
+    pub empty_packets: u64,
+}
+
 /// Everything that was watched.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observations {
@@ -64,6 +82,8 @@ pub struct Observations {
     pub restarts: Vec<Restart>,
     /// Registers that the firmware touched and no model answers for, and addresses where there is nothing.
     pub unmodelled: Vec<String>,
+    /// What happened on USB.
+    pub usb: UsbTraffic,
     /// Instructions executed.
     pub instructions: u64,
     /// When the run ended, in ns.
@@ -78,8 +98,14 @@ impl Observations {
         let registers = session.unimplemented().values().map(|gap| format!("{} {}", gap.instance, gap.register));
         let nowhere = session.unmapped().into_iter().map(|gap| format!("{:#010x}", gap.address));
         let refused = session.refused().iter().map(|(address, fault)| format!("{address:#010x} {fault:?}"));
-        self.unmodelled = registers.chain(nowhere).chain(refused).collect();
+        let gaps = session.board().usb().gaps().map(String::from);
+        self.unmodelled = registers.chain(nowhere).chain(refused).chain(gaps).collect();
         self.unmodelled.sort();
         self.unmodelled.dedup();
+        let host = session.board().usb().host();
+        let ((enumerations, failures), (packets_to_board, packets_from_board)) = (host.enumerations(), host.packets());
+        let found = host.found().clone();
+        let empty_packets = host.empty_packets();
+        self.usb = UsbTraffic { found, enumerations, failures, packets_to_board, packets_from_board, empty_packets };
     }
 }
