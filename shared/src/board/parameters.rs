@@ -56,13 +56,12 @@ pub(super) struct Parameters {
     pub(super) applied: Option<Applied>,
     staged: Option<Model>,
     active: Option<Model>,
-    pub(super) revision: u32,
 }
 
 impl Parameters {
     pub(super) const fn new() -> Self {
         let parts = Parts { second: None, third: None, common: None, motion_limits: None, model_range: None };
-        Self { parts, applied: None, staged: None, active: None, revision: 0 }
+        Self { parts, applied: None, staged: None, active: None }
     }
 
     /// Keeps a part until the configuration is applied; a part sent twice counts the last time.
@@ -108,7 +107,6 @@ impl Parameters {
         self.staged = self.staged.filter(allowed);
         self.active = self.active.filter(allowed);
         self.applied = Some(new);
-        self.revision = self.revision.wrapping_add(1);
         Ok(change)
     }
 
@@ -137,10 +135,7 @@ impl Parameters {
         if board != crc {
             return Err(Refusal::CrcMismatch { host: crc, board });
         }
-        if self.active != Some(staged) {
-            self.active = Some(staged);
-            self.revision = self.revision.wrapping_add(1);
-        }
+        self.active = Some(staged);
         Ok(())
     }
 

@@ -76,6 +76,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                 self.only_idle()?;
                 let change = self.parameters.apply_parts(crc)?;
                 self.configuration_changed(change);
+                self.storing.keep();
                 Ok(Reply::Done)
             }
             &Request::SetPosition { position_rad } => self.set_position(position_rad),
@@ -109,6 +110,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     return Err(self.wrong_mode());
                 }
                 self.parameters.commit_model(crc)?;
+                self.storing.keep();
                 Ok(self.model(ModelSlot::Active))
             }
             &Request::ReadModel(slot) => Ok(self.model(slot)),
@@ -119,6 +121,11 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                 if matches!(self.mode(), Mode::Fault(_)) {
                     self.motion.switch_off();
                 }
+                Ok(Reply::Done)
+            }
+            Request::ForgetParameters => {
+                self.only_idle()?;
+                self.storing.forget();
                 Ok(Reply::Done)
             }
         }
@@ -149,6 +156,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             configuration_crc: applied.map(|applied| applied.crc),
             active_model_crc: self.parameters.model(ModelSlot::Active).map(|model| model.crc()),
             staged_model_crc: self.parameters.model(ModelSlot::Staged).map(|model| model.crc()),
+            stored: self.storing.stored(),
             trajectory: self.trajectories.state().phase(),
             recording: self.recording.info(),
         }
@@ -182,6 +190,9 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         self.parameters.applied()?;
         if self.emergency_stop {
             return Err(Refusal::EmergencyStop);
+        }
+        if self.storing.is_writing() {
+            return Err(Refusal::Storing);
         }
         if !self.encoders.pose_known() {
             return Err(Refusal::PoseUnknown);

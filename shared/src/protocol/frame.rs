@@ -13,18 +13,18 @@ static CRC_32: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 const CRC_BYTES: usize = 4;
 
 /// A CRC-32 of bytes given one after the other.
-pub(super) struct Checksum(Digest<'static, u32, Table<1>>);
+pub(crate) struct Checksum(Digest<'static, u32, Table<1>>);
 
 impl Checksum {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(CRC_32.digest())
     }
 
-    pub(super) fn add(&mut self, bytes: &[u8]) {
+    pub(crate) fn add(&mut self, bytes: &[u8]) {
         self.0.update(bytes);
     }
 
-    pub(super) fn finish(self) -> u32 {
+    pub(crate) fn finish(self) -> u32 {
         self.0.finalize()
     }
 }
