@@ -30,6 +30,7 @@ use crate::{
     encoders::Encoders,
     interrupt_owned::InterruptOwned,
     link::ControlEnd,
+    storage,
     timing::Stopwatch,
 };
 
@@ -53,6 +54,8 @@ pub struct Control {
     pub emergency_stop: Input<'static>,
     /// Its end of the serial link.
     pub serial: ControlEnd,
+    /// The way to the flash memory.
+    pub storage: storage::ControlEnd,
     /// Measures it.
     pub stopwatch: Stopwatch,
 }
@@ -103,6 +106,7 @@ fn TIM1_UP_TIM10() {
     clear_overflow();
     running.tick();
     running.answer();
+    running.store();
     running.follow_period();
     running.deadline_missed = pac::TIM1.sr().read().uif();
     running.control.stopwatch.stop(running.deadline_missed);
@@ -148,6 +152,17 @@ impl Running {
         control.board.report_link(Link::Serial, control.serial.counters());
         let reply = control.board.handle(Link::Serial, message.sequence, &message.request);
         control.serial.answer(reply);
+    }
+
+    /// The flash memory is written to by a task; the board says what and when, and hears what came of it.
+    fn store(&mut self) {
+        let control = &mut self.control;
+        if let Some(result) = control.storage.result() {
+            control.board.end_store(result);
+        }
+        if let Some(parameters) = control.board.begin_store() {
+            control.storage.order(parameters);
+        }
     }
 
     /// A new configuration can bring another loop period.

@@ -30,6 +30,7 @@ mod interrupt_priorities;
 mod link;
 mod link_serial;
 mod safe_output;
+mod storage;
 mod timing;
 mod watchdog;
 
@@ -47,6 +48,7 @@ use crate::{
     currents::{Amplifiers, MeasuredCurrents},
     encoders::Encoders,
     link::Link,
+    storage::Storage,
     timing::Stopwatch,
 };
 
@@ -64,6 +66,10 @@ async fn main(spawner: Spawner) {
         ConstStaticCell::new([PackedSample::EMPTY; DEFAULT_SAMPLES]);
     static BOARD: StaticCell<Board<&'static mut [PackedSample]>> = StaticCell::new();
     let board = BOARD.init_with(|| Board::new(identity::read(), ROWS.take()));
+    let (log, found) = storage::open();
+    board.restore_stored(&found);
+    static STORAGE: ConstStaticCell<Storage> = ConstStaticCell::new(Storage::new());
+    let (storage, storage_task) = STORAGE.take().split();
 
     static SERIAL: ConstStaticCell<Link> = ConstStaticCell::new(Link::new());
     let (serial, serial_receive, serial_send) = SERIAL.take().split(&link::SERIAL);
@@ -85,11 +91,13 @@ async fn main(spawner: Spawner) {
         amplifiers,
         emergency_stop: Input::new(peripherals.PF13, Pull::Up),
         serial,
+        storage,
         stopwatch: Stopwatch::new(core_peripherals.DCB, core_peripherals.DWT),
     };
     control_interrupt::start(peripherals.TIM1, control);
 
     spawner.spawn(watchdog::feed(watchdog).expect("spawned once"));
+    spawner.spawn(storage::store(log, storage_task).expect("spawned once"));
     spawner.spawn(link_serial::receive(receiver, serial_receive).expect("spawned once"));
     spawner.spawn(link_serial::send(transmitter, serial_send).expect("spawned once"));
 }

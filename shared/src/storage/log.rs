@@ -69,48 +69,53 @@ impl Log {
         flash: &mut F,
         parameters: Option<&Parameters>,
     ) -> Result<(), StoreFailure> {
-        self.confirm_newest(flash).await?;
         let sequence = self.highest_sequence.map_or(0, |highest| highest.wrapping_add(1));
-        let record = Record::new(parameters, sequence)?;
-        let mut differs = 0;
-        for _ in 0..ATTEMPTS {
-            let place = self.free_place(flash).await?;
-            self.written = Some(place);
-            self.highest_sequence = Some(sequence);
-            record.program(flash, place).await?;
-            match record.differs(flash, place) {
-                Some(index) => differs = index,
-                None => {
+        let mut attempts = 0;
+        loop {
+            // The newest record has to last before anything is built on it: it may soon be the only one.
+            let unsealed = self.newest.filter(|place| !place.is_sealed(flash));
+            let (record, place) = match unsealed {
+                Some(place) => match (0..READINGS).find_map(|_| Record::read(flash, place)) {
+                    Some(record) => (record, place),
+                    None => {
+                        self.fall_back(flash, place);
+                        continue;
+                    }
+                },
+                None => (Record::new(parameters, sequence)?, self.free_place(flash).await?),
+            };
+            if unsealed.is_none() {
+                self.written = Some(place);
+                self.highest_sequence = Some(sequence);
+            }
+            match (record.write(flash, place).await?, unsealed) {
+                (None, None) => {
                     self.newest = Some(place);
-                    return place.seal(flash).await;
+                    return Ok(());
+                }
+                (None, Some(_)) => {}
+                (Some(_), Some(place)) => self.fall_back(flash, place),
+                (Some(word), None) => {
+                    attempts += 1;
+                    if attempts == ATTEMPTS {
+                        return Err(StoreFailure::NotKept { word: word as u16 });
+                    }
                 }
             }
         }
-        Err(StoreFailure::NotKept { word: differs as u16 })
     }
 
-    /// Makes sure that the newest record lasts, before it becomes the only one.
-    async fn confirm_newest<F: Flash>(&mut self, flash: &mut F) -> Result<(), StoreFailure> {
-        while let Some(place) = self.newest.filter(|place| !place.is_sealed(flash)) {
-            let sequence = Header::read(flash, place).map(|header| header.sequence);
-            if let Some(record) = (0..READINGS).find_map(|_| Record::read(flash, place)) {
-                record.program(flash, place).await?;
-                if record.differs(flash, place).is_none() {
-                    return place.seal(flash).await;
-                }
+    /// The newest record turned out to be lost; the one before it counts again.
+    fn fall_back<F: Flash>(&mut self, flash: &F, lost: Place) {
+        let mut below = Header::read(flash, lost).map(|header| header.sequence).or(self.highest_sequence);
+        self.newest = None;
+        while let Some((place, sequence)) = newest_before(flash, below) {
+            if place != lost && Record::read(flash, place).is_some() {
+                self.newest = Some(place);
+                break;
             }
-            // It is lost; the one before it counts again.
-            let mut below = sequence.or(self.highest_sequence);
-            self.newest = None;
-            while let Some((place, sequence)) = newest_before(flash, below) {
-                if Record::read(flash, place).is_some() {
-                    self.newest = Some(place);
-                    break;
-                }
-                below = Some(sequence);
-            }
+            below = Some(sequence);
         }
-        Ok(())
     }
 
     /// A blank slot of a prepared sector: behind the newest record if there is room.
@@ -149,6 +154,7 @@ fn places<F: Flash>() -> impl Iterator<Item = Place> {
 }
 
 /// The record with the highest sequence number, or with the highest below one, whole or not.
+#[inline(never)]
 fn newest_before<F: Flash>(flash: &F, below: Option<u32>) -> Option<(Place, u32)> {
     places::<F>()
         .filter_map(|place| Some((place, Header::read(flash, place)?.sequence)))
@@ -167,17 +173,16 @@ fn is_prepared(flash: &impl Flash, sector: Sector) -> bool {
 
 /// Erases a sector and marks it, so that a cut on the way is noticed.
 async fn prepare<F: Flash>(flash: &mut F, sector: Sector) -> Result<(), StoreFailure> {
-    for index in 0..PREPARED.len() {
-        if flash.word(sector, index) != 0 {
-            flash.program(sector, index, 0).await?;
+    // Twice over the words of the mark: to take it away before, to write it after.
+    for index in 0..2 * PREPARED.len() {
+        let value = if index < PREPARED.len() { 0 } else { PREPARED[index - PREPARED.len()] };
+        if index == PREPARED.len() {
+            flash.erase(sector).await?;
+            if let Some(word) = (0..F::SLOTS * SLOT_WORDS).find(|&index| flash.word(sector, index) != ERASED) {
+                return Err(StoreFailure::NotErased { word: word as u16 });
+            }
         }
-    }
-    flash.erase(sector).await?;
-    if let Some(word) = (0..F::SLOTS * SLOT_WORDS).find(|&index| flash.word(sector, index) != ERASED) {
-        return Err(StoreFailure::NotErased { word: word as u16 });
-    }
-    for (index, word) in PREPARED.into_iter().enumerate() {
-        flash.program(sector, index, word).await?;
+        flash.program(sector, index % PREPARED.len(), value).await?;
     }
     Ok(())
 }

@@ -34,10 +34,6 @@ impl Place {
         flash.word(self.sector, self.first_word() + index)
     }
 
-    pub async fn program(self, flash: &mut impl Flash, index: usize, value: u32) -> Result<(), StoreFailure> {
-        flash.program(self.sector, self.first_word() + index, value).await
-    }
-
     /// Whether nothing was ever written here, as far as one word tells.
     pub fn looks_blank(self, flash: &impl Flash) -> bool {
         self.word(flash, 0) == ERASED
@@ -50,10 +46,6 @@ impl Place {
 
     pub fn is_sealed(self, flash: &impl Flash) -> bool {
         self.word(flash, SEAL) == SEALED
-    }
-
-    pub async fn seal(self, flash: &mut impl Flash) -> Result<(), StoreFailure> {
-        self.program(flash, SEAL, SEALED).await
     }
 }
 
@@ -74,6 +66,7 @@ impl Header {
     }
 
     /// The header of what stands at a place, if that is one.
+    #[inline(never)]
     pub fn read(flash: &impl Flash, place: Place) -> Option<Self> {
         Self::parse([0, 1, 2, 3].map(|index| place.word(flash, index)))
     }
@@ -98,6 +91,7 @@ pub(super) struct Record {
 }
 
 impl Record {
+    #[inline(never)]
     pub fn new(parameters: Option<&Parameters>, sequence: u32) -> Result<Self, StoreFailure> {
         let mut payload = [0xFF; MAX_PAYLOAD_BYTES];
         // The one error there is: not enough room.
@@ -118,6 +112,7 @@ impl Record {
 
     /// Reads what stands at a place; nothing where that is no whole record. Every word is read once only, so what is
     /// returned is what was checked, whatever the next read would bring.
+    #[inline(never)]
     pub fn read(flash: &impl Flash, place: Place) -> Option<Self> {
         let mut words = [ERASED; SLOT_WORDS];
         for (index, word) in words.iter_mut().enumerate() {
@@ -129,6 +124,7 @@ impl Record {
     }
 
     /// What it says: parameters, or that there are none any more.
+    #[inline(never)]
     pub fn parameters(&self) -> Result<Option<Parameters>, StoreFailure> {
         if self.header.version != FORMAT_VERSION {
             return Err(StoreFailure::OtherVersion { theirs: self.header.version, ours: FORMAT_VERSION });
@@ -141,16 +137,26 @@ impl Record {
         postcard::from_bytes(payload).map_err(|_| StoreFailure::Unreadable)
     }
 
-    /// Programs it, CRC last. Programming the same words again is harmless, and makes firm what power was cut from.
-    pub async fn program(&self, flash: &mut impl Flash, place: Place) -> Result<(), StoreFailure> {
-        for (index, &word) in self.words.iter().enumerate().take(self.header.crc_index() + 1) {
-            place.program(flash, index, word).await?;
+    /// Programs it, CRC last, reads it back, and seals it where all is as it should be; else tells the first word that is
+    /// not. Programming the same words again is harmless, and makes firm what power was cut from.
+    pub async fn write(&self, flash: &mut impl Flash, place: Place) -> Result<Option<usize>, StoreFailure> {
+        // One loop and one call, because every `await` is a piece of code of its own.
+        for (index, &word) in self.words.iter().enumerate() {
+            let word = match index {
+                SEAL => match self.differs(flash, place) {
+                    Some(index) => return Ok(Some(index)),
+                    None => SEALED,
+                },
+                _ if index > self.header.crc_index() => continue,
+                _ => word,
+            };
+            flash.program(place.sector, place.first_word() + index, word).await?;
         }
-        Ok(())
+        Ok(None)
     }
 
     /// The place in its slot of the first word that does not read as it should, if there is one.
-    pub fn differs(&self, flash: &impl Flash, place: Place) -> Option<usize> {
+    fn differs(&self, flash: &impl Flash, place: Place) -> Option<usize> {
         let mut words = self.words.iter().enumerate().take(SEAL);
         words.find_map(|(index, &word)| (place.word(flash, index) != word).then_some(index))
     }
