@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use super::bench::{Answer, Command};
+use super::bench::{Answer, Command, PowerCut};
 
 /// What the host keeps of the conversation.
 #[derive(Debug)]
@@ -16,6 +16,7 @@ pub struct Conversation {
     to_board: Vec<u8>,
     from_board: VecDeque<u8>,
     emergency_stop: bool,
+    power_cut: Option<PowerCut>,
 }
 
 impl Conversation {
@@ -28,6 +29,7 @@ impl Conversation {
             to_board: Vec::new(),
             from_board: VecDeque::new(),
             emergency_stop: false,
+            power_cut: None,
         }
     }
 
@@ -44,6 +46,11 @@ impl Conversation {
     /// Presses or releases the emergency stop as soon as time goes on.
     pub fn set_emergency_stop(&mut self, pressed: bool) {
         self.emergency_stop = pressed;
+    }
+
+    /// Cuts the power, counted from when time goes on.
+    pub fn cut_power(&mut self, when: PowerCut) {
+        self.power_cut = Some(when);
     }
 
     /// Lets the board run until it has sent a frame, for at most `timeout`; nothing when the emulation has ended.
@@ -63,6 +70,7 @@ impl Conversation {
         let command = Command {
             to_board: std::mem::take(&mut self.to_board),
             emergency_stop: self.emergency_stop,
+            power_cut: self.power_cut.take(),
             run_until_ns: self.now_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)),
             until_frame,
         };

@@ -12,6 +12,8 @@ use super::dac::Dac;
 /// The part with its digital-analogue converter.
 #[derive(Debug)]
 pub struct Part {
+    /// What the board does to a part it has just switched on: clock, supply, wires.
+    fit: fn(&mut Stm32f427),
     /// Everything the emulator models itself.
     pub stm32: Stm32f427,
     /// The converter.
@@ -20,11 +22,18 @@ pub struct Part {
 }
 
 impl Part {
-    /// A part fresh out of reset.
-    pub fn new() -> Result<Self, Error> {
-        let stm32 = Stm32f427::new()?;
+    /// A part that has just been switched on, on a board that does `fit` to it.
+    pub fn new(fit: fn(&mut Stm32f427)) -> Result<Self, Error> {
+        let mut stm32 = Stm32f427::new()?;
+        fit(&mut stm32);
         let dac_slot = stm32.bus().slot("DAC")?;
-        Ok(Self { stm32, dac: Dac::default(), dac_slot })
+        Ok(Self { fit, stm32, dac: Dac::default(), dac_slot })
+    }
+
+    /// Cuts the supply, or gives it back. It takes effect before the next instruction that touches a register.
+    pub fn set_power(&mut self, at: VirtualNanos, on: bool) {
+        let (_, mut context) = self.stm32.bus_mut().drive(at, self.dac_slot);
+        context.request_power(on);
     }
 }
 
@@ -38,8 +47,13 @@ impl Mcu for Part {
     }
 
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
-        self.stm32.reset(at, cause);
-        self.dac = Dac::default();
+        if cause == ResetCause::PowerOn {
+            // The emulator's part takes any reset but this: it leaves nothing of what was.
+            *self = Self::new(self.fit).expect("a part that was assembled once");
+        } else {
+            self.stm32.reset(at, cause);
+            self.dac = Dac::default();
+        }
     }
 
     fn poll(&mut self, now: VirtualNanos) {
