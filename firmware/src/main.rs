@@ -57,6 +57,7 @@ async fn main(spawner: Spawner) {
     let core_peripherals = cortex_m::Peripherals::take().expect("taken once");
     interrupt_priorities::set_all(core_peripherals.NVIC);
     let peripherals = embassy_stm32::init(clocks::configuration());
+    clocks::enable_flash_caches();
     // First of all, so that the amplifiers are held off and at no current while the rest starts.
     let amplifiers = Amplifiers::new(peripherals.PF12, peripherals.DAC1, peripherals.PA4, peripherals.PA5);
     let watchdog = watchdog::start(peripherals.IWDG);

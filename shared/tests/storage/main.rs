@@ -21,7 +21,7 @@ fn parameters(number: usize) -> Option<Parameters> {
     configuration.joints[0].torque_constant_nm_per_a = 0.25 + number as f64;
     let mut model = samples::model();
     model.f[3] = number as f64;
-    Some(Parameters { configuration, model: (number % 3 != 0).then_some(model) })
+    Some(Parameters { configuration, model: (!number.is_multiple_of(3)).then_some(model) })
 }
 
 fn store(flash: &mut FailingFlash, log: &mut Log, number: usize) -> Result<(), StoreFailure> {
@@ -47,7 +47,7 @@ fn what_was_stored_comes_back_and_the_newest_counts() {
         let (again, found) = Log::open(&flash);
         assert_eq!(found, Found { parameters: Ok(parameters(number)), sealed: true, damaged_records: 0 });
         // Now and then a restart in between.
-        if number % 7 == 0 {
+        if number.is_multiple_of(7) {
             log = again;
         }
     }

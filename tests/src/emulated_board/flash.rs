@@ -146,7 +146,7 @@ impl FlashArray {
         let control = board.flash_register(Register::Cr);
         let status = board.flash_register(Register::Sr);
         let is_right = PARAMETERS.contains(&address)
-            && address % WORD_BYTES == 0
+            && address.is_multiple_of(WORD_BYTES)
             && width == Width::W32
             && cr::PG.is_set(control)
             && cr::PSIZE.get(control) == PSIZE_32
