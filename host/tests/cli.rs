@@ -106,6 +106,7 @@ fn wrong_usage_is_code_2() {
     bench.refused(USAGE, "dance", &["dance"]);
     bench.refused(USAGE, "identify", &["RECORDING"]);
     bench.refused(USAGE, "upload --board sim", &["MODEL"]);
+    bench.refused(USAGE, "upload model.toml --forget --board sim", &["--forget"]);
     bench.refused(USAGE, "info --board somewhere", &["somewhere", "tcp:HOST:PORT"]);
     bench.refused(USAGE, "record --board sim --pose north", &["two joint angles"]);
     bench.refused(USAGE, "record --board sim --period -1", &["--period -1"]);
@@ -323,6 +324,7 @@ fn info_shows_the_board() {
     let info = bench.json("info --board sim");
     assert_eq!(info["board"], "simulated");
     assert_eq!(info["mode"], "idle");
+    assert_eq!(info["stored"]["state"], "nothing");
     assert!(bench.done("info --board sim").contains("firmware"));
 }
 
@@ -366,7 +368,9 @@ fn identified_and_uploaded_the_arm_tracks_within_one_count() {
     }
     let uploaded = bench.json("upload model.toml --board sim --seed 4");
     assert_eq!(uploaded["active"]["f"], found["f"]);
+    assert_eq!(uploaded["stored"], true);
     assert!(bench.done("upload model.toml --board sim").contains("now active: model.toml"));
+    assert_eq!(bench.json("upload --forget --board sim")["stored"], false);
 
     let tracked = bench.json("track --board sim --seed 4 --model model.toml --out tracked");
     let largest = numbers(&tracked["p"]["max_abs_error_counts"]);
