@@ -233,3 +233,37 @@ fn a_record_has_room_for_the_parameters_and_its_layout_has_a_version() {
         .fold(0_u32, |sum, index| sum.rotate_left(1) ^ flash.word(Sector::Second, SLOT_WORDS + index));
     assert_eq!((FORMAT_VERSION, payload_bytes, checksum), (1, 609, 496_085_318));
 }
+
+/// The three precautions against cells that only look sound. Failures they prevent are too rare to be met by chance, so
+/// each is looked for itself.
+#[test]
+fn what_a_cut_may_have_left_half_done_is_never_built_on() {
+    const SEAL: usize = SLOT_WORDS - 1;
+    let mut flash = FailingFlash::new(7);
+    let (mut log, _) = Log::open(&flash);
+    store(&mut flash, &mut log, 1).unwrap();
+    let operations_of_a_store = 159;
+    flash.cut_after(operations_of_a_store - 1);
+    assert_eq!(store(&mut flash, &mut log, 2), Err(POWER_CUT), "cut at the seal");
+    flash.switch_on();
+    let (mut log, _) = Log::open(&flash);
+    store(&mut flash, &mut log, 5).unwrap();
+    assert_eq!(flash.word(Sector::Second, 2 * SLOT_WORDS + SEAL), 0, "sealed before the next is added");
+    assert_eq!(flash.word(Sector::Second, 3 * SLOT_WORDS), u32::MAX, "a slot that may have been touched is left free");
+    assert_eq!(flash.word(Sector::First, SLOT_WORDS), RECORD);
+
+    let before = flash.erasures;
+    while flash.erasures == before {
+        flash.cut_at = None;
+        let mut trial = flash.clone();
+        trial.cut_after(2);
+        let mut trial_log = log.clone();
+        if store(&mut trial, &mut trial_log, 6).is_err() && trial.erasures > before {
+            let mark = [0, 1].map(|index| trial.word(Sector::Second, index));
+            assert_ne!(mark, shared::storage::PREPARED, "a sector half erased must not look prepared");
+            return;
+        }
+        store(&mut flash, &mut log, 6).unwrap();
+    }
+    panic!("no sector was erased by a store that begins with two words of the mark");
+}
