@@ -31,6 +31,7 @@ use crate::{
     interrupt_owned::InterruptOwned,
     last_fault,
     link::{ControlEnd, ExaminedRequest},
+    storage,
     timing::Stopwatch,
 };
 
@@ -54,6 +55,8 @@ pub struct Control {
     pub emergency_stop: Input<'static>,
     /// Its ends of the links, in the order of [`Link::ALL`].
     pub links: [ControlEnd; 2],
+    /// The way to the flash memory.
+    pub storage: storage::ControlEnd,
     /// Measures it.
     pub stopwatch: Stopwatch,
 }
@@ -106,6 +109,7 @@ fn TIM1_UP_TIM10() {
     clear_overflow();
     running.tick();
     running.answer();
+    running.store();
     running.follow_period();
     running.deadline_missed = pac::TIM1.sr().read().uif();
     running.control.stopwatch.stop(running.deadline_missed);
@@ -170,6 +174,17 @@ impl Running {
             }
         }
         board.advance_check();
+    }
+
+    /// The flash memory is written to by a task; the board says what and when, and hears what came of it.
+    fn store(&mut self) {
+        let control = &mut self.control;
+        if let Some(result) = control.storage.result() {
+            control.board.end_store(result);
+        }
+        if let Some(parameters) = control.board.begin_store() {
+            control.storage.order(parameters);
+        }
     }
 
     /// A new configuration can bring another loop period.

@@ -32,6 +32,7 @@ mod link;
 mod link_serial;
 mod link_usb;
 mod safe_output;
+mod storage;
 mod timing;
 mod watchdog;
 
@@ -49,6 +50,7 @@ use crate::{
     currents::{Amplifiers, MeasuredCurrents},
     encoders::Encoders,
     link::Link,
+    storage::Storage,
     timing::Stopwatch,
 };
 
@@ -57,6 +59,7 @@ async fn main(spawner: Spawner) {
     let core_peripherals = cortex_m::Peripherals::take().expect("taken once");
     interrupt_priorities::set_all(core_peripherals.NVIC);
     let peripherals = embassy_stm32::init(clocks::configuration());
+    clocks::enable_flash_caches();
     // First of all, so that the amplifiers are held off and at no current while the rest starts.
     let amplifiers = Amplifiers::new(peripherals.PF12, peripherals.DAC1, peripherals.PA4, peripherals.PA5);
     let watchdog = watchdog::start(peripherals.IWDG);
@@ -71,6 +74,10 @@ async fn main(spawner: Spawner) {
     if let Some(fault) = last_fault::at_start(board.identity().reset_cause) {
         board.report_last_fault(fault);
     }
+    let (log, found) = storage::open();
+    board.restore_stored(&found);
+    static STORAGE: ConstStaticCell<Storage> = ConstStaticCell::new(Storage::new());
+    let (storage, storage_task) = STORAGE.take().split();
 
     // Made at run time: their initial values are not all zeros, and would take 4 KB of flash each.
     static USB: StaticCell<Link> = StaticCell::new();
@@ -98,11 +105,13 @@ async fn main(spawner: Spawner) {
         amplifiers,
         emergency_stop: Input::new(peripherals.PF13, Pull::Up),
         links: [usb, serial],
+        storage,
         stopwatch: Stopwatch::new(core_peripherals.DCB, core_peripherals.DWT),
     };
     control_interrupt::start(peripherals.TIM1, control);
 
     spawner.spawn(watchdog::feed(watchdog).expect("spawned once"));
+    spawner.spawn(storage::store(log, storage_task).expect("spawned once"));
     let port = link_usb::open(peripherals.USB_OTG_FS, peripherals.PA12, peripherals.PA11, &chip_id);
     spawner.spawn(link_usb::run(port.device).expect("spawned once"));
     spawner.spawn(link_usb::receive(port.receiver, usb_receive).expect("spawned once"));

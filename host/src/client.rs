@@ -302,5 +302,6 @@ fn request_name(request: &Request) -> &'static str {
         Request::CommitModel { .. } => "activating the model",
         Request::ReadModel(_) => "reading the model back",
         Request::ClearFault => "clearing the fault",
+        Request::ForgetParameters => "forgetting the stored parameters",
     }
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 pub use open::{Address, AddressError, open};
 pub use serial::SerialLink;
-pub use simulated::SimulatedBoard;
+pub use simulated::{MemoryFlash, SimulatedBoard, complete};
 pub use tcp::TcpLink;
 
 /// A byte stream to a board.

@@ -106,6 +106,7 @@ fn wrong_usage_is_code_2() {
     bench.refused(USAGE, "dance", &["dance"]);
     bench.refused(USAGE, "identify", &["RECORDING"]);
     bench.refused(USAGE, "upload --board sim", &["MODEL"]);
+    bench.refused(USAGE, "upload model.toml --forget --board sim", &["--forget"]);
     bench.refused(USAGE, "info --board somewhere", &["somewhere", "tcp:HOST:PORT"]);
     bench.refused(USAGE, "record --board sim --pose north", &["two joint angles"]);
     bench.refused(USAGE, "record --board sim --period -1", &["--period -1"]);
@@ -326,10 +327,11 @@ fn info_shows_the_board() {
     assert_eq!(info["protocol_version"], shared::protocol::PROTOCOL_VERSION);
     assert_eq!((info["reset_cause"].as_str(), &info["last_fault"]), (Some("other"), &Value::Null));
     assert_eq!(info["links"][0]["telemetry_dropped"], 0);
+    assert_eq!(info["stored"]["state"], "nothing");
     let text = bench.done("info --board sim");
     for part in [
         "firmware      ",
-        "(protocol 1)",
+        "(protocol 2)",
         "chip          ",
         "last start    other",
         "last fault    none",
@@ -379,7 +381,9 @@ fn identified_and_uploaded_the_arm_tracks_within_one_count() {
     }
     let uploaded = bench.json("upload model.toml --board sim --seed 4");
     assert_eq!(uploaded["active"]["f"], found["f"]);
+    assert_eq!(uploaded["stored"], true);
     assert!(bench.done("upload model.toml --board sim").contains("now active: model.toml"));
+    assert_eq!(bench.json("upload --forget --board sim")["stored"], false);
 
     let tracked = bench.json("track --board sim --seed 4 --model model.toml --out tracked");
     let largest = numbers(&tracked["p"]["max_abs_error_counts"]);

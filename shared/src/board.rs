@@ -12,6 +12,9 @@
 //!   Everything that stops the arm has a name: [`crate::protocol::Fault`].
 //! - A stop on request slows down along the path and then holds.
 //!
+//! - Parameters are written to the flash memory only while idle, and meanwhile nothing can be armed
+//!   ([`Board::begin_store`]): the amplifiers are never on during a write.
+//!
 //! # What a recorded row means
 //! At a record tick reference and error are those of this instant; the currents are measured at the same instant, so
 //! they show the command of the tick before; the command is the one computed from this row's error, as the code that
@@ -40,13 +43,15 @@ mod path;
 mod recording;
 mod requests;
 mod session;
+mod storing;
 mod trajectories;
 mod trajectory_check;
 
 use crate::protocol::{
     BoardIdentity, Configuration, EndedBy, Event, Fault, Link, LinkCounters, Mode, Model, ModelSlot, PackedSample,
-    Refusal, Request, Sample, Timing,
+    Refusal, Request, Sample, StoreFailure, Timing,
 };
+use crate::storage::{Found, Parameters as Stored};
 use encoders::Encoders;
 pub use findings::Findings;
 pub use kept_fault::KeptFault;
@@ -54,6 +59,7 @@ use motion::{Motion, Tick};
 use parameters::{Change, Parameters};
 use recording::Recording;
 use session::Session;
+use storing::Storing;
 use trajectories::Trajectories;
 
 /// Code of both converters for 0 V: no current is asked for. 12 bits.
@@ -124,6 +130,7 @@ pub struct Board<R> {
     links: [LinkCounters; 2],
     sessions: [Session; 2],
     parameters: Parameters,
+    storing: Storing,
     trajectories: Trajectories,
     encoders: Encoders,
     motion: Motion,
@@ -145,6 +152,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             links: [LinkCounters::default(); 2],
             sessions: [const { Session::new() }; 2],
             parameters: Parameters::new(),
+            storing: Storing::new(),
             trajectories: Trajectories::new(),
             encoders: Encoders::new(),
             motion: Motion::new(),
@@ -156,7 +164,17 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         }
     }
 
-    /// Restores what was kept over a restart: configuration and active model, both checked like an upload. The pose
+    /// Takes up what was found in the flash memory: parameters, checked like an upload, or why there are none. For use
+    /// before the first tick. What came of it is in [`crate::protocol::Status::stored`].
+    pub fn restore_stored(&mut self, found: &Found) {
+        let accepted = match &found.parameters {
+            Ok(Some(stored)) => self.restore(&stored.configuration, stored.model.as_ref()).is_ok(),
+            Ok(None) | Err(_) => true,
+        };
+        self.storing.restored(found, accepted);
+    }
+
+    /// Takes up configuration and active model, both checked like an upload, as if they were stored already. The pose
     /// stays unknown. For use before the first tick.
     ///
     /// A refused configuration leaves the board without one, a refused model without that.
@@ -168,7 +186,6 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             self.parameters.stage_model(model, crc, &findings)?;
             self.parameters.commit_model(crc)?;
         }
-        self.parameters.revision = 0;
         Ok(())
     }
 
@@ -247,20 +264,29 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         self.configuration().map_or(DEFAULT_LOOP_PERIOD_NS, |configuration| configuration.common.loop_period_ns)
     }
 
-    /// The applied configuration, to be kept over a restart.
+    /// The applied configuration.
     pub fn configuration(&self) -> Option<&Configuration> {
         self.parameters.applied.as_ref().map(|applied| &applied.configuration)
     }
 
-    /// The active model, to be kept over a restart.
+    /// The active model.
     pub fn active_model(&self) -> Option<&Model> {
         self.parameters.model(ModelSlot::Active).map(|held| &held.model)
     }
 
-    /// Counts up with every change of [`Self::configuration`] or [`Self::active_model`], from 0 after a start or a
-    /// restore. The firmware stores both when this differs from what it stored, and only when idle.
-    pub fn parameters_revision(&self) -> u32 {
-        self.parameters.revision
+    /// What is to be stored now, if anything is: the applied configuration with the active model, or an inner `None` to
+    /// forget what is stored. From then on until [`Self::end_store`] arming is refused.
+    ///
+    /// To be asked after every tick and request; only in [`Mode::Idle`] there is ever something to store, so nothing is
+    /// written while the amplifiers are on. Takes little time but where there is something: then it copies less than a
+    /// kilobyte.
+    pub fn begin_store(&mut self) -> Option<Option<Stored>> {
+        if self.mode() != Mode::Idle { None } else { self.storing.begin(&self.parameters) }
+    }
+
+    /// What came of the store that was begun.
+    pub fn end_store(&mut self, result: Result<(), StoreFailure>) {
+        self.storing.end(result);
     }
 
     /// Takes in what the firmware measured, to be shown by `info`.

@@ -3,7 +3,7 @@
 //! | module | its one job |
 //! |---|---|
 //! | [`nucleo`] | the board: clock, supply, and which pin carries what |
-//! | `part`, `dac` | the microcontroller, with models of the converter and the USB core that the emulator lacks |
+//! | `part`, `dac`, [`flash`] | the microcontroller, with models of the converter, the USB core and the flash memory that the emulator lacks |
 //! | `wire` | the serial line |
 //! | [`usb`] | the part's USB core, a cable, and a host that recognises the board |
 //! | `arm` | currents in, encoder edges and measured currents out |
@@ -25,6 +25,7 @@ mod bench;
 pub mod control_time;
 mod conversation;
 mod dac;
+pub mod flash;
 mod link;
 pub mod nucleo;
 pub mod observations;
@@ -38,6 +39,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use armid::hidden_robot::HiddenRobot;
+use armid::link::MemoryFlash;
 use armid::robot::Robot;
 use rigless::emulator::{self, Start};
 use rigless::image::Image;
@@ -45,6 +47,7 @@ use rigless::session::Session;
 use rigless::time::VirtualNanos;
 
 use arm::SimulatedArm;
+pub use bench::PowerCut;
 use bench::{Bench, Until};
 use conversation::Conversation;
 pub use link::EmulatedLink;
@@ -85,9 +88,21 @@ pub struct EmulatedBoard {
 
 impl EmulatedBoard {
     /// Switches on a board with the image at `firmware`, and `hidden` with the drives of `robot` at its terminals. The
-    /// arm rests at zero angles: upper arm horizontal, forearm up.
+    /// arm rests at zero angles: upper arm horizontal, forearm up. The board has no parameters, but a memory that takes
+    /// some without being erased first.
     pub fn start(firmware: &Path, robot: &Robot, hidden: &HiddenRobot) -> Result<Self, EmulationError> {
-        let images = [Image::read(firmware, None)?];
+        Self::start_with(firmware, robot, hidden, &MemoryFlash::default())
+    }
+
+    /// As [`Self::start`], with what `flash` holds.
+    pub fn start_with(
+        firmware: &Path,
+        robot: &Robot,
+        hidden: &HiddenRobot,
+        flash: &MemoryFlash,
+    ) -> Result<Self, EmulationError> {
+        let parameters = Image::new(Path::new("parameters"), flash.to_bytes(), Some(flash::PARAMETERS.start))?;
+        let images = [Image::read(firmware, None)?, parameters];
         let session = Session::new(Box::new(Nucleo::new()?), 0, VirtualNanos(0))?;
         let (command_sender, commands) = mpsc::channel();
         let (answers, answer_receiver) = mpsc::channel();
@@ -147,6 +162,11 @@ impl EmulatedBoard {
     /// Presses or releases the emergency stop.
     pub fn set_emergency_stop(&self, pressed: bool) {
         self.with(|conversation| conversation.set_emergency_stop(pressed));
+    }
+
+    /// Cuts the power for a millisecond.
+    pub fn cut_power(&self, when: PowerCut) {
+        self.with(|conversation| conversation.cut_power(when));
     }
 
     /// Switches the board off and says what was watched.

@@ -125,7 +125,7 @@ impl Client {
         plan: &MovementPlan,
         progress: &mut dyn FnMut(MovementProgress),
     ) -> Result<Movement, ClientError> {
-        self.command(Request::Arm)?;
+        self.arm()?;
         let request = Request::Run { law: plan.law, stream: true, settle_ns: plan.settle_ns };
         let started = match self.request(request) {
             Ok(Reply::Started { movement, rows, .. }) => (movement, rows),

@@ -6,7 +6,9 @@
 //!
 //! Modelled: sampling both encoders at one instant, `fix()`, the command acting its delay after sampling, the
 //! converters' 12 bits and their full scale, noise of the current sensor, brakes that hold while the amplifiers are
-//! off. Left out: the amplifier's bandwidth, and whatever `explain` looks for.
+//! off, a flash memory that keeps the parameters and is busy for as long as a real one. Left out: the amplifier's bandwidth, and whatever `explain` looks for.
+
+mod flash;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -16,8 +18,11 @@ use shared::drive::Drive;
 use shared::plant::{PreparedPlant, State};
 use shared::protocol::{
     BoardIdentity, BoardMessage, CurrentScale, Decoder, FrameError, Link as BoardLink, LinkCounters, MAX_FRAME,
-    PROTOCOL_VERSION, PackedSample, Reply, ResetCause, encode_board_message,
+    PROTOCOL_VERSION, PackedSample, Reply, ResetCause, StoreFailure, encode_board_message,
 };
+use shared::storage::Log;
+
+pub use flash::{MemoryFlash, complete};
 
 use super::{Link, LinkError};
 use crate::hidden_robot::HiddenRobot;
@@ -51,6 +56,10 @@ pub struct SimulatedBoard {
     from_host: Decoder,
     to_host: VecDeque<u8>,
     telemetry_dropped: u32,
+    flash: MemoryFlash,
+    log: Log,
+    /// Until when the memory is busy, and what the board hears then.
+    storing: Option<(u64, Result<(), StoreFailure>)>,
 }
 
 impl SimulatedBoard {
@@ -72,6 +81,8 @@ impl SimulatedBoard {
             reset_cause: ResetCause::Other,
         };
         let scale = |joint: usize| CurrentScale::symmetric(robot.joints[joint].current_full_scale_a);
+        let flash = MemoryFlash::default();
+        let (log, _) = Log::open(&flash);
         Self {
             board: Board::new(identity, vec![PackedSample::EMPTY; DEFAULT_SAMPLES]),
             plant: plant.prepare(),
@@ -87,7 +98,17 @@ impl SimulatedBoard {
             from_host: Decoder::new(),
             to_host: VecDeque::new(),
             telemetry_dropped: 0,
+            flash,
+            log,
+            storing: None,
         }
+    }
+
+    /// The board, just switched on with what `flash` has kept. For use before anything else.
+    pub fn with_flash(mut self, flash: MemoryFlash) -> Self {
+        let (log, found) = Log::open(&flash);
+        self.board.restore_stored(&found);
+        Self { flash, log, ..self }
     }
 
     /// The robot inside, to compare what was found with.
@@ -138,6 +159,23 @@ impl SimulatedBoard {
         }
         if let Some(event) = outputs.event {
             self.send_to_host(&BoardMessage::Event(event));
+        }
+        self.store();
+    }
+
+    /// Stores what the board wants stored, and tells it when the memory would be done.
+    fn store(&mut self) {
+        match self.storing.take() {
+            Some((until_ns, result)) if self.time_ns >= until_ns => self.board.end_store(result),
+            Some(waiting) => self.storing = Some(waiting),
+            None => {}
+        }
+        if let Some(parameters) = self.board.begin_store() {
+            let before_ns = self.flash.busy_ns();
+            let stored = complete(self.log.store(&mut self.flash, parameters.as_ref()));
+            let busy_ns = self.flash.busy_ns() - before_ns;
+            self.storing =
+                Some((self.time_ns + busy_ns, stored.unwrap_or(Err(StoreFailure::Timeout { waited_ms: 0 }))));
         }
     }
 

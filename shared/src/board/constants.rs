@@ -121,6 +121,7 @@ pub(super) struct Constants {
 
 impl Constants {
     /// From a configuration that passed its check.
+    #[inline]
     pub(super) fn new(configuration: &Configuration) -> Self {
         let common = &configuration.common;
         let torque = &common.computed_torque;

@@ -32,6 +32,7 @@ impl KeptFault {
         Self::after(fault, 0)
     }
 
+    #[inline]
     fn after(fault: &Fault, starts: u32) -> Self {
         let mut kept = Self { magic: MAGIC, starts, ..Self::NONE };
         if postcard::to_slice(fault, &mut kept.fault).is_err() {
@@ -41,6 +42,7 @@ impl KeptFault {
         kept
     }
 
+    #[inline]
     fn computed_crc(&self) -> u32 {
         let [a, b, c, d] = self.starts.to_le_bytes();
         crc_32(&[&[PROTOCOL_VERSION, a, b, c, d], &self.fault])

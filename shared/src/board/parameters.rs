@@ -65,13 +65,12 @@ pub(super) struct Parameters {
     pub(super) applied: Option<Applied>,
     staged: Option<Held>,
     active: Option<Held>,
-    pub(super) revision: u32,
 }
 
 impl Parameters {
     pub(super) const fn new() -> Self {
         let parts = Parts { second: None, third: None, common: None, motion_limits: None, model_range: None };
-        Self { parts, applied: None, staged: None, active: None, revision: 0 }
+        Self { parts, applied: None, staged: None, active: None }
     }
 
     /// Keeps a part until the configuration is applied; a part sent twice counts the last time.
@@ -86,6 +85,7 @@ impl Parameters {
     }
 
     /// Applies the staged parts, if they are all there, are those meant, and are acceptable.
+    #[inline]
     pub(super) fn apply_parts(&mut self, crc: u32) -> Result<Change, Refusal> {
         let missing = |part| Refusal::MissingPart { part };
         let parts = &self.parts;
@@ -106,6 +106,7 @@ impl Parameters {
     }
 
     /// Applies a configuration; models it no longer allows are forgotten.
+    #[inline]
     pub(super) fn apply(&mut self, configuration: &Configuration) -> Result<Change, Refusal> {
         let new = Applied::new(configuration)?;
         let change = match &self.applied {
@@ -117,7 +118,6 @@ impl Parameters {
         self.staged = self.staged.filter(allowed);
         self.active = self.active.filter(allowed);
         self.applied = Some(new);
-        self.revision = self.revision.wrapping_add(1);
         Ok(change)
     }
 
@@ -153,10 +153,7 @@ impl Parameters {
         if staged.crc != crc {
             return Err(Refusal::CrcMismatch { host: crc, board: staged.crc });
         }
-        if self.active.as_ref().is_none_or(|active| active.model != staged.model) {
-            self.active = self.staged;
-            self.revision = self.revision.wrapping_add(1);
-        }
+        self.active = self.staged;
         Ok(())
     }
 

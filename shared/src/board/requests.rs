@@ -96,7 +96,8 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             | Request::Disarm
             | Request::Run { .. }
             | Request::Stop
-            | Request::ClearFault => *reply = Reply::Done,
+            | Request::ClearFault
+            | Request::ForgetParameters => *reply = Reply::Done,
         }
     }
 
@@ -117,6 +118,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                 self.only_idle()?;
                 let change = self.parameters.apply_parts(crc)?;
                 self.configuration_changed(change);
+                self.storing.keep();
             }
             &Request::SetPosition { position_rad } => self.set_position(position_rad)?,
             Request::Arm => self.arm()?,
@@ -141,6 +143,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     return Err(self.wrong_mode());
                 }
                 self.parameters.commit_model(crc)?;
+                self.storing.keep();
             }
             Request::ClearFault => {
                 if self.emergency_stop {
@@ -149,6 +152,10 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                 if matches!(self.mode(), Mode::Fault(_)) {
                     self.motion.switch_off();
                 }
+            }
+            Request::ForgetParameters => {
+                self.only_idle()?;
+                self.storing.forget();
             }
         }
         Ok(Outcome::Done)
@@ -179,6 +186,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             configuration_crc: applied.map(|applied| applied.crc),
             active_model_crc: self.parameters.model(ModelSlot::Active).map(|held| held.crc),
             staged_model_crc: self.parameters.model(ModelSlot::Staged).map(|held| held.crc),
+            stored: self.storing.stored(),
             trajectory: self.trajectories.phase(),
             recording: self.recording.info(),
         }
@@ -214,6 +222,9 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         self.parameters.applied()?;
         if self.emergency_stop {
             return Err(Refusal::EmergencyStop);
+        }
+        if self.storing.is_writing() {
+            return Err(Refusal::Storing);
         }
         if !self.encoders.pose_known() {
             return Err(Refusal::PoseUnknown);

@@ -62,6 +62,7 @@ impl Model {
     }
 
     /// The part of [`Self::check`] that depends on the model alone and takes calculation.
+    #[inline]
     pub(crate) fn check_dynamics(&self) -> Result<(), ModelError> {
         Arm { f: self.f, gravity_m_s2: 0.0 }.check_inertia().map_err(|error| match error {
             ArmError::NotFinite { number, value } => ModelError::NotFinite { number: number as u8, value },

@@ -1,6 +1,6 @@
 //! What the board is and what it is doing.
 
-use super::{Fault, LimitsActive, RecordingInfo, TrajectoryPhase};
+use super::{Fault, LimitsActive, RecordingInfo, StoredParameters, TrajectoryPhase};
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
@@ -105,6 +105,8 @@ pub struct Status {
     pub active_model_crc: Option<u32>,
     /// CRC-32 of the staged model; `None` where there is none.
     pub staged_model_crc: Option<u32>,
+    /// What is kept over a restart.
+    pub stored: StoredParameters,
     /// How far the trajectory is loaded and checked.
     pub trajectory: TrajectoryPhase,
     /// What the recording holds.

@@ -5,6 +5,7 @@ mod kept_faults;
 mod movements;
 mod requests;
 mod rig;
+mod storing;
 
 /// The firmware's budget: 147 KB of rows and the board itself in the 192 KB of an STM32F429's main memory.
 #[test]

@@ -2,15 +2,16 @@
 
 use std::sync::mpsc::{Receiver, Sender};
 
-use rigless::emulator::{AccessKind, Driver, Host, Settled, Stop};
+use rigless::emulator::{Access, AccessKind, Driver, Host, Settled, Stop};
 use rigless::session::Session;
 use rigless::soc::stm32f427::generated::{DAC, GPIOF};
 use rigless::time::VirtualNanos;
 use shared::protocol::Link;
 
 use super::arm::SimulatedArm;
+use super::flash::{Fate, FlashArray};
 use super::nucleo::{Nucleo, Outputs};
-use super::observations::{Observations, OutputChange, Tick};
+use super::observations::{FlashUse, Observations, OutputChange, Tick};
 use super::usb::UsbAction;
 
 /// Ends every frame of the protocol, and occurs nowhere else.
@@ -32,6 +33,18 @@ pub enum Until {
     UsbIsOpen,
 }
 
+/// How long the power stays away.
+const POWER_CUT_NS: u64 = 1_000_000;
+
+/// When power fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PowerCut {
+    /// At once.
+    Now,
+    /// In the middle of an operation of the flash memory, after so many others.
+    AfterFlashOperations(u64),
+}
+
 /// What the host asks for: bytes to the board, then time.
 #[derive(Debug, Default)]
 pub struct Command {
@@ -43,6 +56,8 @@ pub struct Command {
     pub usb_actions: Vec<(u64, UsbAction)>,
     /// Whether the emergency stop is pressed.
     pub emergency_stop: bool,
+    /// When to cut the power, if at all.
+    pub power_cut: Option<PowerCut>,
     /// Until when to run at most, in ns.
     pub run_until_ns: u64,
     /// When to come back earlier.
@@ -74,6 +89,10 @@ pub struct Bench {
     outputs: Option<Outputs>,
     restarts_seen: usize,
     tick: Option<(Tick, u64)>,
+    flash: FlashArray,
+    /// Operations of the flash memory until power fails.
+    operations_left: Option<u64>,
+    power_returns_ns: Option<u64>,
     observations: Observations,
 }
 
@@ -89,6 +108,9 @@ impl Bench {
             outputs: None,
             restarts_seen: 0,
             tick: None,
+            flash: FlashArray::default(),
+            operations_left: None,
+            power_returns_ns: None,
             observations: Observations::default(),
         }
     }
@@ -156,6 +178,11 @@ impl Bench {
             if command.emergency_stop != self.command.emergency_stop {
                 board.set_emergency_stop(at, command.emergency_stop);
             }
+            match command.power_cut.take() {
+                Some(PowerCut::Now) => self.cut_power(board, at),
+                Some(PowerCut::AfterFlashOperations(count)) => self.operations_left = Some(count),
+                None => {}
+            }
             self.command = command;
         }
     }
@@ -167,6 +194,35 @@ impl Bench {
         self.usb_actions = later;
         for (_, action) in due {
             board.drive_usb(at, |usb, context| usb.act(action, context));
+        }
+    }
+
+    fn cut_power(&mut self, board: &mut Nucleo, at: VirtualNanos) {
+        self.flash.power_failed();
+        self.operations_left = None;
+        self.power_returns_ns = Some(at.0 + POWER_CUT_NS);
+        board.set_power(at, false);
+    }
+
+    /// The firmware may have done something to the flash memory.
+    fn watch_flash(&mut self, board: &mut Nucleo, host: &mut dyn Host, access: &Access) {
+        if self.power_returns_ns.is_some() {
+            return;
+        }
+        let left = self.operations_left;
+        let at_ns = access.virtual_time.0;
+        let fate = || if left == Some(0) { Fate::Torn(at_ns) } else { Fate::Whole };
+        match self.flash.observe(board, host, access, fate) {
+            None => {}
+            Some(Err(fault)) => self.observations.flash_faults.push(fault),
+            Some(Ok(operation)) => {
+                let amplifiers_enabled = board.outputs().amplifiers_enabled;
+                self.observations.flash_uses.push(FlashUse { at_ns, operation, amplifiers_enabled });
+                self.operations_left = left.and_then(|left| left.checked_sub(1));
+                if left == Some(0) {
+                    self.cut_power(board, access.virtual_time);
+                }
+            }
         }
     }
 
@@ -183,8 +239,9 @@ impl Bench {
 }
 
 impl Driver<Nucleo> for Bench {
-    fn on_settled(&mut self, session: &mut Session<Nucleo>, _: &mut dyn Host, settled: Settled) {
+    fn on_settled(&mut self, session: &mut Session<Nucleo>, host: &mut dyn Host, settled: Settled) {
         let Settled::Access { access, value } = settled else { return };
+        self.watch_flash(session.board_mut(), host, &access);
         match (access.kind, access.address) {
             // The control interrupt reads the counter first and the status last; nothing else reads either.
             (AccessKind::Read, TIM1_COUNTER) => {
@@ -207,6 +264,10 @@ impl Driver<Nucleo> for Bench {
     fn on_stop(&mut self, session: &mut Session<Nucleo>, stop: Stop, _: &mut dyn Host) -> Option<VirtualNanos> {
         let restarts = session.resets().len();
         let board = session.board_mut();
+        if self.power_returns_ns.is_some_and(|returns_ns| stop.at.0 >= returns_ns) {
+            self.power_returns_ns = None;
+            board.set_power(stop.at, true);
+        }
         if stop.at.0 == 0 || restarts != self.restarts_seen {
             self.restarts_seen = restarts;
             self.watch_outputs(board, stop.at);

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use shared::protocol::Link;
 
-use super::bench::{Answer, Command, Until};
+use super::bench::{Answer, Command, PowerCut, Until};
 use super::usb::UsbAction;
 
 /// What the host keeps of the conversation.
@@ -23,6 +23,7 @@ pub struct Conversation {
     usb_actions: Vec<(u64, UsbAction)>,
     usb_is_open: bool,
     emergency_stop: bool,
+    power_cut: Option<PowerCut>,
 }
 
 impl Conversation {
@@ -39,6 +40,7 @@ impl Conversation {
             usb_actions: Vec::new(),
             usb_is_open: false,
             emergency_stop: false,
+            power_cut: None,
         }
     }
 
@@ -70,6 +72,11 @@ impl Conversation {
         self.emergency_stop = pressed;
     }
 
+    /// Cuts the power, counted from when time goes on.
+    pub fn cut_power(&mut self, when: PowerCut) {
+        self.power_cut = Some(when);
+    }
+
     /// Lets the board run until it has sent a frame, for at most `timeout`; nothing when the emulation has ended.
     pub fn receive(&mut self, link: Link, buffer: &mut [u8], timeout: Duration) -> Option<usize> {
         if self.from(link).is_empty() {
@@ -90,6 +97,7 @@ impl Conversation {
             emergency_stop: self.emergency_stop,
             to_usb: std::mem::take(&mut self.to_usb),
             usb_actions: std::mem::take(&mut self.usb_actions),
+            power_cut: self.power_cut.take(),
             run_until_ns: self.until_ns(duration),
             until,
         };

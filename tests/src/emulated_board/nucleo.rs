@@ -5,18 +5,18 @@ use std::num::{NonZeroU32, NonZeroU64};
 use rigless::cpu::armv7m::windows;
 use rigless::device::{DeviceContext, Level};
 use rigless::machine::{Board, Crystal, Target, armv7m};
-use rigless::mcu::{Mcu, Operate as _};
+use rigless::mcu::{Bare, Mcu, Operate as _};
 use rigless::snapshot::Store;
 use rigless::soc::Error;
 use rigless::soc::st::tim;
-use rigless::soc::stm32f427::generated::gpioa;
+use rigless::soc::stm32f427::generated::{FLASH, flash::Register, gpioa};
 use rigless::soc::stm32f427::peripherals::{
     adc,
     gpio::{Gpio, Pin},
 };
 use rigless::time::VirtualNanos;
 
-use super::{part::Part, usb::Usb, wire::Wire};
+use super::{flash, part::Part, usb::Usb, wire::Wire};
 
 /// Clock of the core and of TIM1.
 pub const CORE_CLOCK_HZ: u64 = 168_000_000;
@@ -116,20 +116,39 @@ pub struct Outputs {
 #[derive(Debug)]
 pub struct Nucleo {
     part: Part,
+    memory_map: Bare,
 }
 
 impl Nucleo {
     /// A board that has just been switched on.
     pub fn new() -> Result<Self, Error> {
-        let mut part = Part::new()?;
-        let stm32 = &mut part.stm32;
-        stm32.rcc.attach_crystals(HIGH_SPEED_CLOCK.0, Crystal::NONE.0);
-        stm32.set_supply(SUPPLY_MV);
-        for converter in &mut stm32.adc[..2] {
-            converter.set_reference(CONVERTER_REFERENCE_MV);
+        let part = Part::new(|stm32| {
+            stm32.rcc.attach_crystals(HIGH_SPEED_CLOCK.0, Crystal::NONE.0);
+            stm32.set_supply(SUPPLY_MV);
+            for converter in &mut stm32.adc[..2] {
+                converter.set_reference(CONVERTER_REFERENCE_MV);
+            }
+            stm32.usart[SERIAL_PORT].attach(Wire::default());
+        })?;
+        Ok(Self { part, memory_map: flash::memory_map()? })
+    }
+
+    /// Cuts the supply, or gives it back.
+    pub fn set_power(&mut self, at: VirtualNanos, on: bool) {
+        self.part.set_power(at, on);
+    }
+
+    /// A register of the flash controller.
+    pub fn flash_register(&self, register: Register) -> u64 {
+        self.part.bus().registers(FLASH.name).map_or(0, |registers| registers.get(register))
+    }
+
+    /// Sets a register of the flash controller, as the memory behind it does.
+    pub fn set_flash_register(&mut self, register: Register, value: u64) {
+        let bus = self.part.bus_mut();
+        if let Some(slot) = bus.slot_of(FLASH.name) {
+            bus.slot_mut(slot).registers_mut().set(register, value);
         }
-        stm32.usart[SERIAL_PORT].attach(Wire::default());
-        Ok(Self { part })
     }
 
     /// Both measured currents, as the codes they are to be converted to. They reach the converters through the pins as
@@ -241,6 +260,7 @@ impl Board for Nucleo {
             boot: "flash",
         }
         .spec_with_parts(&windows(self.part.bus()), armv7m::Fpu::FpV4Sp, armv7m::MpuRegions::Eight);
-        vec![Target::new("stm32f429", &mut self.part, core)]
+        // The emulator takes its memory from here and everything else from `mcu`.
+        vec![Target::new("stm32f429", &mut self.memory_map, core)]
     }
 }

@@ -13,6 +13,8 @@ use super::usb::{Places, Usb};
 /// The part with its digital-analogue converter and its USB core.
 #[derive(Debug)]
 pub struct Part {
+    /// What the board does to a part it has just switched on: clock, supply, wires.
+    fit: fn(&mut Stm32f427),
     /// Everything the emulator models itself.
     pub stm32: Stm32f427,
     /// The converter.
@@ -24,20 +26,27 @@ pub struct Part {
 }
 
 impl Part {
-    /// A part fresh out of reset.
-    pub fn new() -> Result<Self, Error> {
+    /// A part that has just been switched on, on a board that does `fit` to it.
+    pub fn new(fit: fn(&mut Stm32f427)) -> Result<Self, Error> {
         let mut stm32 = Stm32f427::new()?;
+        fit(&mut stm32);
         let dac_slot = stm32.bus().slot("DAC")?;
         let mut usb_places = Places::new(stm32.bus())?;
         usb_places.exchange(stm32.bus_mut());
         let usb = Usb::new(stm32.bus(), &usb_places);
-        Ok(Self { stm32, dac: Dac::default(), usb, dac_slot, usb_places })
+        Ok(Self { fit, stm32, dac: Dac::default(), usb, dac_slot, usb_places })
     }
 
     /// Something happens to the USB core from outside.
     pub fn drive_usb<T>(&mut self, at: VirtualNanos, act: impl FnOnce(&mut Usb, &mut DeviceContext<'_>) -> T) -> T {
         let (_, mut context) = self.stm32.bus_mut().drive(at, self.usb_places.first_slot());
         act(&mut self.usb, &mut context)
+    }
+
+    /// Cuts the supply, or gives it back. It takes effect before the next instruction that touches a register.
+    pub fn set_power(&mut self, at: VirtualNanos, on: bool) {
+        let (_, mut context) = self.stm32.bus_mut().drive(at, self.dac_slot);
+        context.request_power(on);
     }
 }
 
@@ -51,10 +60,16 @@ impl Mcu for Part {
     }
 
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
-        self.usb_places.exchange(self.stm32.bus_mut());
-        self.stm32.reset(at, cause);
-        self.usb_places.exchange(self.stm32.bus_mut());
-        self.dac = Dac::default();
+        if cause == ResetCause::PowerOn {
+            // The emulator's part takes any reset but this: it leaves nothing of what was, but for the cable's other end.
+            let usb = std::mem::replace(self, Self::new(self.fit).expect("a part that was assembled once")).usb;
+            self.usb = usb;
+        } else {
+            self.usb_places.exchange(self.stm32.bus_mut());
+            self.stm32.reset(at, cause);
+            self.usb_places.exchange(self.stm32.bus_mut());
+            self.dac = Dac::default();
+        }
         self.usb.reset();
     }
 
@@ -89,7 +104,7 @@ mod tests {
 
     #[test]
     fn the_part_is_the_stock_one_but_for_the_usb_core_also_after_a_reset() {
-        let mut part = Part::new().unwrap();
+        let mut part = Part::new(|_| ()).unwrap();
         let stock = Stm32f427::new().unwrap();
         for _ in 0..2 {
             let mut compared = 0;
