@@ -46,6 +46,11 @@ pub struct SimulatedBoard {
     /// Current that flows, in A.
     current_a: [f64; 2],
     amplifiers_on: bool,
+    /// What the board put out at its last tick.
+    command_code: [u16; 2],
+    /// What the counters show beyond the position of the arm.
+    counter_offset: [i32; 2],
+    emergency_stop: bool,
     random: Random,
     time_ns: u64,
     from_host: Decoder,
@@ -82,6 +87,9 @@ impl SimulatedBoard {
             state: State::at_rest([0.0; 2]),
             current_a: [0.0; 2],
             amplifiers_on: false,
+            command_code: [MID_SCALE; 2],
+            counter_offset: [0; 2],
+            emergency_stop: false,
             random: Random::new(seed, 2),
             time_ns: 0,
             from_host: Decoder::new(),
@@ -95,11 +103,30 @@ impl SimulatedBoard {
         &self.hidden
     }
 
+    /// Presses or releases the emergency stop.
+    pub fn set_emergency_stop(&mut self, pressed: bool) {
+        self.emergency_stop = pressed;
+    }
+
+    /// Lets both hardware counters, which wrap, count on by `counts` although the arm does not move: as if they had
+    /// started elsewhere, or the motors had been turned uncoupled.
+    pub fn count_on(&mut self, counts: [i32; 2]) {
+        for (offset, counts) in self.counter_offset.iter_mut().zip(counts) {
+            *offset = offset.wrapping_add(counts);
+        }
+    }
+
+    /// Codes of both current commands after the last tick, and whether the amplifiers are on.
+    pub fn outputs(&self) -> ([u16; 2], bool) {
+        (self.command_code, self.amplifiers_on)
+    }
+
     /// One loop period: sample, decide, let the arm move.
     fn tick(&mut self) {
         let inputs = Inputs {
             counts: std::array::from_fn(|joint| {
-                self.drives[joint].encoder_counts(self.state.position_rad[joint]) as i32
+                let counts = self.drives[joint].encoder_counts(self.state.position_rad[joint]) as i32;
+                counts.wrapping_add(self.counter_offset[joint])
             }),
             current_code: std::array::from_fn(|joint| {
                 let measured_a = self.current_a[joint] + CURRENT_NOISE_A * self.random.normal();
@@ -107,11 +134,12 @@ impl SimulatedBoard {
                 let code = (measured_a - scale.adc_offset_a) / scale.adc_a_per_code + f64::from(MID_SCALE);
                 code.round().clamp(0.0, 4095.0) as u16
             }),
-            emergency_stop: false,
+            emergency_stop: self.emergency_stop,
             deadline_missed: false,
         };
         let period_ns = u64::from(self.board.loop_period_ns());
         let outputs = self.board.tick(&inputs);
+        self.command_code = outputs.command_code;
         if !outputs.amplifier_enable {
             // The brakes engage when power goes, and hold at once.
             self.amplifiers_on = false;

@@ -8,8 +8,10 @@ use rigless::soc::stm32f427::generated::{DAC, GPIOF};
 use rigless::time::VirtualNanos;
 
 use super::arm::SimulatedArm;
+use super::command::{Answer, Command, Turn};
 use super::nucleo::{Nucleo, Outputs};
 use super::observations::{Observations, OutputChange, Tick};
+use crate::line::Trouble;
 
 /// Ends every frame of the protocol, and occurs nowhere else.
 const FRAME_END: u8 = 0;
@@ -17,28 +19,6 @@ const FRAME_END: u8 = 0;
 /// Status and counter register of TIM1.
 const TIM1_STATUS: u64 = 0x4001_0010;
 const TIM1_COUNTER: u64 = 0x4001_0024;
-
-/// What the host asks for: bytes to the board, then time.
-#[derive(Debug, Default)]
-pub struct Command {
-    /// Bytes to put on the line.
-    pub to_board: Vec<u8>,
-    /// Whether the emergency stop is pressed.
-    pub emergency_stop: bool,
-    /// Until when to run at most, in ns.
-    pub run_until_ns: u64,
-    /// Whether to come back when the board has sent a frame.
-    pub until_frame: bool,
-}
-
-/// What it gets back.
-#[derive(Debug)]
-pub struct Answer {
-    /// What time it is, in ns.
-    pub at_ns: u64,
-    /// What the board has sent.
-    pub from_board: Vec<u8>,
-}
 
 /// The emulator asks it at every stop what happens next. It waits for the host whenever nothing is left to run, so
 /// virtual time passes only when the host waits, and two runs are the same.
@@ -48,6 +28,10 @@ pub struct Bench {
     commands: Receiver<Command>,
     answers: Sender<Answer>,
     command: Command,
+    /// A motor that is being turned by hand, and when its next edge is due.
+    turn: Option<(Turn, u64)>,
+    /// Until when the serial port sees errors.
+    serial_errors_until_ns: Option<u64>,
     outputs: Option<Outputs>,
     restarts_seen: usize,
     tick: Option<(Tick, u64)>,
@@ -62,6 +46,8 @@ impl Bench {
             commands,
             answers,
             command: Command::default(),
+            turn: None,
+            serial_errors_until_ns: None,
             outputs: None,
             restarts_seen: 0,
             tick: None,
@@ -93,11 +79,22 @@ impl Bench {
         if at.0 >= self.arm.ahead_ns() {
             self.arm.advance(at.0);
         }
+        if let Some((mut turn, due_ns)) = self.turn.take().filter(|(turn, _)| turn.counts != 0) {
+            let mut due_ns = due_ns;
+            if due_ns <= at.0 {
+                let levels = self.arm.turn_by_hand(turn.joint, turn.counts > 0);
+                board.set_encoder(at, turn.joint, levels);
+                turn.counts -= turn.counts.signum();
+                due_ns += turn.interval_ns;
+            }
+            self.turn = Some((turn, due_ns));
+        }
     }
 
     /// Lets the host have its turn as long as it wants no time to pass. False when it has gone.
-    fn serve_host(&mut self, board: &mut Nucleo, at: VirtualNanos) -> bool {
+    fn serve_host(&mut self, session: &mut Session<Nucleo>, at: VirtualNanos, host: &mut dyn Host) -> bool {
         loop {
+            let board = session.board_mut();
             let frame_is_there =
                 self.command.until_frame && board.wire().is_some_and(|wire| wire.received().last() == Some(&FRAME_END));
             if at.0 < self.command.run_until_ns && !frame_is_there {
@@ -116,7 +113,26 @@ impl Bench {
             if command.emergency_stop != self.command.emergency_stop {
                 board.set_emergency_stop(at, command.emergency_stop);
             }
+            if let Some(turn) = command.turn.take() {
+                self.turn = Some((turn, at.0 + turn.interval_ns));
+            }
+            if let Some((trouble, until_ns)) = command.trouble.take() {
+                self.disturb(board, trouble, until_ns);
+            }
+            if let Some(intervention) = command.intervention.take() {
+                (intervention.0)(session, host, at);
+            }
             self.command = command;
+        }
+    }
+
+    fn disturb(&mut self, board: &mut Nucleo, trouble: Trouble, until_ns: u64) {
+        if let Trouble::Noise { per_million } = trouble {
+            board.set_serial_errors(per_million);
+            self.serial_errors_until_ns = Some(until_ns);
+        }
+        if let Some(wire) = board.wire() {
+            wire.disturb(trouble, until_ns);
         }
     }
 
@@ -154,7 +170,7 @@ impl Driver<Nucleo> for Bench {
         }
     }
 
-    fn on_stop(&mut self, session: &mut Session<Nucleo>, stop: Stop, _: &mut dyn Host) -> Option<VirtualNanos> {
+    fn on_stop(&mut self, session: &mut Session<Nucleo>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         let restarts = session.resets().len();
         let board = session.board_mut();
         if stop.at.0 == 0 || restarts != self.restarts_seen {
@@ -163,14 +179,22 @@ impl Driver<Nucleo> for Bench {
             self.drive_pins(board, stop.at);
         }
         self.advance_arm(board, stop.at);
-        if !self.serve_host(board, stop.at) {
+        if self.serial_errors_until_ns.is_some_and(|until_ns| until_ns <= stop.at.0) {
+            self.serial_errors_until_ns = None;
+            board.set_serial_errors(0);
+        }
+        if !self.serve_host(session, stop.at, host) {
             self.observations.end_ns = stop.at.0;
             self.observations.instructions = stop.instruction_count;
             self.observations.position_rad = self.arm.position_rad();
+            if let Some(wire) = session.board_mut().wire() {
+                self.observations.line_losses = wire.losses();
+            }
             return None;
         }
         let edge_ns = self.arm.next_edge().map_or(u64::MAX, |edge| edge.at_ns);
-        let next_ns = self.arm.ahead_ns().min(edge_ns).min(self.command.run_until_ns);
+        let turn_ns = self.turn.map_or(u64::MAX, |(_, due_ns)| due_ns);
+        let next_ns = self.arm.ahead_ns().min(edge_ns).min(turn_ns).min(self.command.run_until_ns);
         Some(VirtualNanos(next_ns.max(stop.at.0 + 1)))
     }
 }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use super::bench::{Answer, Command};
+use super::command::{Answer, Command};
 
 /// What the host keeps of the conversation.
 #[derive(Debug)]
@@ -13,9 +13,9 @@ pub struct Conversation {
     commands: Option<Sender<Command>>,
     answers: Receiver<Answer>,
     now_ns: u64,
-    to_board: Vec<u8>,
     from_board: VecDeque<u8>,
-    emergency_stop: bool,
+    /// What the bench is told next; what stays true stays in it.
+    next: Command,
 }
 
 impl Conversation {
@@ -25,9 +25,8 @@ impl Conversation {
             commands: Some(commands),
             answers,
             now_ns: 0,
-            to_board: Vec::new(),
             from_board: VecDeque::new(),
-            emergency_stop: false,
+            next: Command::default(),
         }
     }
 
@@ -38,12 +37,12 @@ impl Conversation {
 
     /// Puts bytes on the line as soon as time goes on.
     pub fn send(&mut self, bytes: &[u8]) {
-        self.to_board.extend_from_slice(bytes);
+        self.next.to_board.extend_from_slice(bytes);
     }
 
-    /// Presses or releases the emergency stop as soon as time goes on.
-    pub fn set_emergency_stop(&mut self, pressed: bool) {
-        self.emergency_stop = pressed;
+    /// What else is to happen as soon as time goes on.
+    pub fn next(&mut self) -> &mut Command {
+        &mut self.next
     }
 
     /// Lets the board run until it has sent a frame, for at most `timeout`; nothing when the emulation has ended.
@@ -60,12 +59,9 @@ impl Conversation {
 
     /// Lets the board run; nothing when the emulation has ended.
     pub fn run(&mut self, duration: Duration, until_frame: bool) -> Option<()> {
-        let command = Command {
-            to_board: std::mem::take(&mut self.to_board),
-            emergency_stop: self.emergency_stop,
-            run_until_ns: self.now_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)),
-            until_frame,
-        };
+        let run_until_ns = self.now_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX));
+        let next = Command { emergency_stop: self.next.emergency_stop, ..Command::default() };
+        let command = Command { run_until_ns, until_frame, ..std::mem::replace(&mut self.next, next) };
         self.commands.as_ref()?.send(command).ok()?;
         let answer = self.answers.recv().ok()?;
         self.now_ns = answer.at_ns;
