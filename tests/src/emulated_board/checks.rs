@@ -24,8 +24,7 @@ impl Observations {
         for change in &self.outputs {
             let codes = change.outputs.command_code;
             // A reset switches the converter off.
-            mid_scale_was_written =
-                codes == [Some(MID_SCALE); 2] || mid_scale_was_written && codes != [None; 2];
+            mid_scale_was_written = codes == [Some(MID_SCALE); 2] || mid_scale_was_written && codes != [None; 2];
             if change.outputs.amplifiers_enabled {
                 assert!(mid_scale_was_written, "enabled before there was a command: {change:?}");
                 assert!(codes.iter().all(Option::is_some), "enabled without a command: {change:?}");
@@ -50,16 +49,15 @@ impl Observations {
 
     /// How long after an instant, at which they were on, the amplifiers went off.
     pub fn off_after_ns(&self, since_ns: u64) -> Option<u64> {
-        let off =
-            self.outputs.iter().find(|change| change.at_ns > since_ns && !change.outputs.amplifiers_enabled)?;
+        let off = self.outputs.iter().find(|change| change.at_ns > since_ns && !change.outputs.amplifiers_enabled)?;
         Some(off.at_ns - since_ns)
     }
 
     /// Whether the run ended with the amplifiers off and both commands at mid-scale.
     pub fn ends_safe(&self) -> bool {
-        self.outputs.last().is_some_and(|last| {
-            !last.outputs.amplifiers_enabled && last.outputs.command_code == [Some(MID_SCALE); 2]
-        })
+        self.outputs
+            .last()
+            .is_some_and(|last| !last.outputs.amplifiers_enabled && last.outputs.command_code == [Some(MID_SCALE); 2])
     }
 }
 

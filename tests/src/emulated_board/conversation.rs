@@ -21,13 +21,7 @@ pub struct Conversation {
 impl Conversation {
     /// With a bench that waits for its first command.
     pub fn new(commands: Sender<Command>, answers: Receiver<Answer>) -> Self {
-        Self {
-            commands: Some(commands),
-            answers,
-            now_ns: 0,
-            from_board: VecDeque::new(),
-            next: Command::default(),
-        }
+        Self { commands: Some(commands), answers, now_ns: 0, from_board: VecDeque::new(), next: Command::default() }
     }
 
     /// The board's time.

@@ -163,9 +163,10 @@ pub fn old_frames_are_not_carried_out_again<B: BoardUnderTest>(switch_on: impl F
     assert_eq!((status.mode, status.recording.movement), (Mode::Idle, 1));
 
     let observations = board.finish();
-    let switched_on = observations.outputs.windows(2).filter(|pair| {
-        !pair[0].outputs.amplifiers_enabled && pair[1].outputs.amplifiers_enabled
-    });
+    let switched_on = observations
+        .outputs
+        .windows(2)
+        .filter(|pair| !pair[0].outputs.amplifiers_enabled && pair[1].outputs.amplifiers_enabled);
     assert_eq!(switched_on.count(), 1, "switched on once");
 }
 

@@ -11,7 +11,6 @@ use armid::client::ClientError;
 /// The board answers soon after the start, says who it is, and has everything off.
 pub fn the_board_starts_with_everything_off<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
     let board = switch_on();
-    board.run(Duration::from_millis(50));
     let mut client = greeted(&board);
     let info = client.info().clone();
     assert_eq!(info.protocol_version, PROTOCOL_VERSION);

@@ -1,5 +1,7 @@
 //! What most scenarios begin with, and what most of them check.
 
+use std::time::Duration;
+
 use armid::board_setup::{board_model, configuration};
 use armid::client::{Client, Movement, MovementPlan, Pose};
 use shared::protocol::{ControlLaw, Model};
@@ -9,9 +11,14 @@ use super::{BoardUnderTest, hidden, robot};
 
 const SETTLE_NS: u64 = 200_000_000;
 
-/// A client that has greeted the board. Always the same sequence numbers, or the same run would not send the same
-/// bytes.
+/// A board has started by then.
+const STARTED_AFTER: Duration = Duration::from_millis(50);
+
+/// A client that has greeted the board, once it has started. Always the same sequence numbers, or the same run would
+/// not send the same bytes.
 pub fn greeted(board: &impl BoardUnderTest) -> Client {
+    // What is sent before the board has opened its serial port is lost.
+    board.run(STARTED_AFTER.saturating_sub(board.now()));
     Client::connect_from(board.link(), 1).expect("a board that answers")
 }
 
