@@ -1,13 +1,11 @@
 //! Where in an image to hit, and with what: faults that the product has no switch for.
 //!
-//! Code is changed as worn-out flash memory would change it, except that here what it becomes is chosen.
+//! The program is led astray through its memory: a task's state names the function that goes on with it, and that name
+//! is changed to code put where the end of a long recording would be.
 
 use std::path::Path;
 
 use object::{Object as _, ObjectSection as _, ObjectSymbol as _};
-
-/// `b .`: the processor goes no further.
-pub const HANG: [u16; 1] = [0xE7FE];
 
 /// An ELF file, to find places in.
 pub struct ImageMap {
@@ -61,15 +59,18 @@ impl ImageMap {
         self.symbol(parts).address & !1
     }
 
-    /// Instructions which, put at `address`, panic there as `Option::unwrap` on nothing does.
-    pub fn panic_at(&self, address: u64) -> Vec<u16> {
-        let location = self.some_location();
-        let panic = self.function(&["6option13unwrap_failed"]);
-        let mut code = vec![];
-        code.extend(move_immediate(0xF240, location & 0xFFFF));
-        code.extend(move_immediate(0xF2C0, location >> 16));
-        code.extend(branch(address + 2 * code.len() as u64, panic));
-        code
+    /// All functions that go on with a task: the name of one of them is in each task's state.
+    pub fn task_functions(&self) -> Vec<u64> {
+        let is_one = |name: &str| name.contains("TaskStorage") && name.contains("4poll");
+        let file = self.file();
+        let symbols = file.symbols().filter(|symbol| symbol.name().is_ok_and(is_one));
+        symbols.map(|symbol| symbol.address() | 1).collect()
+    }
+
+    /// Code that panics as `Option::unwrap` on nothing does.
+    pub fn panic(&self) -> Vec<u16> {
+        let function = self.function(&["6option13unwrap_failed"]);
+        [&load(0, self.some_location())[..], &go_to(function)].concat()
     }
 
     /// Any source location the image has for its own panics: a pointer to a file name, its length, line and column.
@@ -92,21 +93,31 @@ impl ImageMap {
     }
 }
 
-/// `movw r0, #value` with the opcode 0xF240, `movt r0, #value` with 0xF2C0 (ARM DDI 0403, A7.7.76 and A7.7.79).
-fn move_immediate(opcode: u16, value: u64) -> [u16; 2] {
-    let value = value as u16;
-    let first = opcode | (value >> 11 & 1) << 10 | value >> 12;
-    [first, (value >> 8 & 7) << 12 | value & 0xFF]
+/// Code that goes no further: `b .`.
+pub const HANG: [u16; 1] = [0xE7FE];
+
+/// Code that replaces the vector table by the one at `table`, and goes on with the function at `then`.
+pub fn switch_vector_table(table: u64, then: u64) -> Vec<u16> {
+    /// The vector table offset register (ARM DDI 0403, B3.2.5).
+    const VECTOR_TABLE_OFFSET: u64 = 0xE000_ED08;
+    const STORE_R2_AT_R1: [u16; 1] = [0x600A];
+    [&load(1, VECTOR_TABLE_OFFSET)[..], &load(2, table), &STORE_R2_AT_R1, &go_to(then)].concat()
 }
 
-/// `b.w` from one address to another (ARM DDI 0403, A7.7.12, encoding T4).
-fn branch(from: u64, to: u64) -> [u16; 2] {
-    let distance = (to as i64 - from as i64 - 4) as u32;
-    let bit = |index: u32| (distance >> index & 1) as u16;
-    let sign = bit(24);
-    let j = |index: u32| u16::from(bit(index) == sign);
-    let first = 0xF000 | sign << 10 | (distance >> 12 & 0x3FF) as u16;
-    [first, 0x9000 | j(23) << 13 | j(22) << 11 | (distance >> 1 & 0x7FF) as u16]
+/// `movw` and `movt`, which load `value` into a register (ARM DDI 0403, A7.7.76 and A7.7.79).
+fn load(register: u16, value: u64) -> [u16; 4] {
+    let half = |opcode: u16, half: u16| {
+        let first = opcode | (half >> 11 & 1) << 10 | half >> 12;
+        [first, (half >> 8 & 7) << 12 | register << 8 | half & 0xFF]
+    };
+    let [low, high] = [half(0xF240, value as u16), half(0xF2C0, (value >> 16) as u16)];
+    [low[0], low[1], high[0], high[1]]
+}
+
+/// Goes on with the Thumb code at an address: `bx r3`.
+fn go_to(address: u64) -> [u16; 5] {
+    let [a, b, c, d] = load(3, address | 1);
+    [a, b, c, d, 0x4718]
 }
 
 #[cfg(test)]
@@ -116,10 +127,8 @@ mod tests {
     /// As assembled by `llvm-mc -triple=thumbv7em`.
     #[test]
     fn instructions_are_encoded_as_an_assembler_does() {
-        assert_eq!(move_immediate(0xF240, 0xABCD), [0xF64A, 0x30CD]);
-        assert_eq!(move_immediate(0xF2C0, 0x0801), [0xF6C0, 0x0001]);
-        assert_eq!(branch(0x1000, 0x1004), [0xF000, 0xB800]);
-        assert_eq!(branch(0x1000, 0x0F00), [0xF7FF, 0xBF7E]);
-        assert_eq!(branch(0x0800_0000, 0x0801_2346), [0xF012, 0xB9A1]);
+        assert_eq!(load(0, 0x0801_ABCD), [0xF64A, 0x30CD, 0xF6C0, 0x0001]);
+        assert_eq!(load(3, 0x2000_0D08), [0xF640, 0x5308, 0xF2C2, 0x0300]);
+        assert_eq!(go_to(0x2000_0D08), [0xF640, 0x5309, 0xF2C2, 0x0300, 0x4718]);
     }
 }
