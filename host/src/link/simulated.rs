@@ -51,6 +51,7 @@ pub struct SimulatedBoard {
     /// What the counters show beyond the position of the arm.
     counter_offset: [i32; 2],
     emergency_stop: bool,
+    equal_cells: bool,
     random: Random,
     time_ns: u64,
     from_host: Decoder,
@@ -90,6 +91,7 @@ impl SimulatedBoard {
             command_code: [MID_SCALE; 2],
             counter_offset: [0; 2],
             emergency_stop: false,
+            equal_cells: false,
             random: Random::new(seed, 2),
             time_ns: 0,
             from_host: Decoder::new(),
@@ -101,6 +103,13 @@ impl SimulatedBoard {
     /// The robot inside, to compare what was found with.
     pub fn truth(&self) -> &HiddenRobot {
         &self.hidden
+    }
+
+    /// With the encoders of a real board: all their cells are one count wide, while that of 0 is two counts wide after
+    /// the paper's `fix()`. Both agree where positions are negative.
+    pub fn with_equal_cells(mut self) -> Self {
+        self.equal_cells = true;
+        self
     }
 
     /// Presses or releases the emergency stop.
@@ -125,7 +134,12 @@ impl SimulatedBoard {
     fn tick(&mut self) {
         let inputs = Inputs {
             counts: std::array::from_fn(|joint| {
-                let counts = self.drives[joint].encoder_counts(self.state.position_rad[joint]) as i32;
+                let (drive, position_rad) = (&self.drives[joint], self.state.position_rad[joint]);
+                let counts = if self.equal_cells {
+                    (position_rad * drive.counts_per_rad()).ceil()
+                } else {
+                    drive.encoder_counts(position_rad)
+                } as i32;
                 counts.wrapping_add(self.counter_offset[joint])
             }),
             current_code: std::array::from_fn(|joint| {

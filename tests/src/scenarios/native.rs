@@ -35,8 +35,17 @@ struct Watched {
 impl NativeBoard {
     /// Switches on a board with `hidden` and the drives of `robot`.
     pub fn start(robot: &Robot, hidden: HiddenRobot) -> Self {
+        Self::watch(SimulatedBoard::new(robot, hidden, NOISE_SEED))
+    }
+
+    /// The same with the encoders that the emulated board has.
+    pub fn with_equal_cells(robot: &Robot, hidden: HiddenRobot) -> Self {
+        Self::watch(SimulatedBoard::new(robot, hidden, NOISE_SEED).with_equal_cells())
+    }
+
+    fn watch(board: SimulatedBoard) -> Self {
         Self(Rc::new(RefCell::new(Watched {
-            board: SimulatedBoard::new(robot, hidden, NOISE_SEED),
+            board,
             lines: [Line::new(NOISE_SEED), Line::new(NOISE_SEED + 1)],
             from_board: VecDeque::new(),
             turn: None,
