@@ -55,7 +55,7 @@ impl Line {
             Some((Trouble::Noise { per_million }, _)) => {
                 let drawn = self.random.next_u64();
                 // The upper half decides whether, the lower how.
-                if (drawn >> 32) * 1_000_000 >> 32 >= u64::from(per_million) {
+                if ((drawn >> 32) * 1_000_000) >> 32 >= u64::from(per_million) {
                     return Some(byte);
                 }
                 if drawn & 1 == 0 {

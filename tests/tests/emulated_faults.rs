@@ -241,7 +241,13 @@ fn a_stuck_receiver_ends_in_a_lost_link() {
 #[test]
 fn a_stopped_transmitter_goes_on() {
     let Some(switch_on) = switched_on() else { return };
-    let struck = strike_nod(switch_on, |board| write_register(board, DMA1_STREAM3_CONTROL, 0));
+    let struck = strike_nod(switch_on, |board| {
+        // Somewhere in two loop periods a frame is under way.
+        for _ in 0..14 {
+            board.run(Duration::from_micros(100));
+            write_register(board, DMA1_STREAM3_CONTROL, 0);
+        }
+    });
     check_complete(&struck.movement);
     assert!(struck.client.frames().bad() > 0 || struck.movement.reread_rows > 0, "nothing was lost");
     let observations = BoardUnderTest::finish(struck.board);
@@ -256,7 +262,7 @@ fn board_state() -> Variable {
 
 fn flip(board: &EmulatedBoard, address: u64, bit: u32) {
     board.intervene(move |_, host, _| {
-        let flipped = word(host, address) ^ 1 << bit;
+        let flipped = word(host, address) ^ (1 << bit);
         host.write(address, Width::W32, flipped).expect("memory");
     });
 }

@@ -107,8 +107,8 @@ pub fn switch_vector_table(table: u64, then: u64) -> Vec<u16> {
 /// `movw` and `movt`, which load `value` into a register (ARM DDI 0403, A7.7.76 and A7.7.79).
 fn load(register: u16, value: u64) -> [u16; 4] {
     let half = |opcode: u16, half: u16| {
-        let first = opcode | (half >> 11 & 1) << 10 | half >> 12;
-        [first, (half >> 8 & 7) << 12 | register << 8 | half & 0xFF]
+        let first = opcode | (((half >> 11) & 1) << 10) | (half >> 12);
+        [first, (((half >> 8) & 7) << 12) | (register << 8) | (half & 0xFF)]
     };
     let [low, high] = [half(0xF240, value as u16), half(0xF2C0, (value >> 16) as u16)];
     [low[0], low[1], high[0], high[1]]
