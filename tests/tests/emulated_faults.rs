@@ -11,7 +11,7 @@ use armid::client::{Client, Movement, MovementProgress};
 use armid_tests::emulated_board::damage::{HANG, ImageMap, Variable, switch_vector_table};
 use armid_tests::emulated_board::observations::Observations;
 use armid_tests::emulated_board::{EmulatedBoard, firmware_from_environment};
-use armid_tests::scenarios::{BoardUnderTest, check_complete, loaded, nod, paper_movement, plan, ready, switched_on};
+use armid_tests::scenarios::{BoardUnderTest, loaded, nod, paper_movement, plan, ready, switched_on};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 use rigless::device::ResetCause;
@@ -237,20 +237,29 @@ fn a_stuck_receiver_ends_in_a_lost_link() {
     assert_eq!(observations.restarts, []);
 }
 
-/// Stopped in the middle of a frame, the transmitter goes on with the next one; what was lost is read again.
+/// Stopped in the middle of a frame, the transmitter says nothing more: the host gives up, and once it is silent, so
+/// does the board.
 #[test]
-fn a_stopped_transmitter_goes_on() {
+fn a_stuck_transmitter_ends_in_a_lost_link() {
     let Some(switch_on) = switched_on() else { return };
-    let struck = strike_nod(switch_on, |board| {
+    let board = switch_on();
+    let mut client = ready(&board);
+    client.load_trajectory(&paper_movement(5.0)).expect("an accepted movement");
+    let struck = strike(board, client, |board| {
         // Somewhere in two loop periods a frame is under way.
         for _ in 0..14 {
             board.run(Duration::from_micros(100));
             write_register(board, DMA1_STREAM3_CONTROL, 0);
         }
     });
-    check_complete(&struck.movement);
-    assert!(struck.client.frames().bad() > 0 || struck.movement.reread_rows > 0, "nothing was lost");
+    let why = struck.movement.partial.as_deref();
+    assert!(why.is_some_and(|why| why.contains("no answer")), "{why:?}");
+    struck.board.run(Duration::from_millis(1200));
     let observations = BoardUnderTest::finish(struck.board);
+    let off_ns = observations.off_after_ns(struck.at_ns).expect("switched off");
+    println!("transmitter stuck: off after {:.1} ms", off_ns as f64 * 1e-6);
+    // Eight attempts of 250 ms after the next keep-alive, and a second of silence.
+    assert!(off_ns <= 3_200_000_000);
     assert!(observations.ends_safe());
     assert_eq!(observations.restarts, []);
 }
