@@ -8,9 +8,10 @@
 //! | [`usb`] | the part's USB core, a cable, and a host that recognises the board |
 //! | `arm` | currents in, encoder edges and measured currents out |
 //! | `bench` | runs all of it in lock-step |
-//! | `conversation`, `link` | the way from there to [`armid::client::Client`] |
-//! | [`observations`] | what is watched from outside meanwhile |
+//! | `command`, `conversation`, `link` | the way from there to [`armid::client::Client`] |
+//! | [`observations`], `checks` | what is watched from outside meanwhile, and what must always hold |
 //! | [`control_time`] | how long the control interrupt took |
+//! | [`damage`] | where in the image to hit |
 //!
 //! The image is the one that is flashed, byte for byte. It sees registers: timers that count encoder edges, converters,
 //! a serial port with DMA, the watchdog. Time is virtual and passes only while the host waits for the board, so a run
@@ -22,9 +23,12 @@
 
 mod arm;
 mod bench;
+mod checks;
+mod command;
 pub mod control_time;
 mod conversation;
 mod dac;
+pub mod damage;
 pub mod flash;
 mod link;
 pub mod nucleo;
@@ -41,19 +45,22 @@ use std::time::Duration;
 use armid::hidden_robot::HiddenRobot;
 use armid::link::MemoryFlash;
 use armid::robot::Robot;
-use rigless::emulator::{self, Start};
+use rigless::emulator::{self, Host, Start};
 use rigless::image::Image;
 use rigless::session::Session;
 use rigless::time::VirtualNanos;
 
 use arm::SimulatedArm;
-pub use bench::PowerCut;
-use bench::{Bench, Until};
+use bench::Bench;
+use command::{Intervention, Until};
+pub use command::{PowerCut, Turn};
 use conversation::Conversation;
 pub use link::EmulatedLink;
 use nucleo::Nucleo;
 use observations::Observations;
 use usb::UsbAction;
+
+use crate::line::Trouble;
 
 /// Names the image to run.
 pub const FIRMWARE_VARIABLE: &str = "ARMID_FIRMWARE";
@@ -161,7 +168,39 @@ impl EmulatedBoard {
 
     /// Presses or releases the emergency stop.
     pub fn set_emergency_stop(&self, pressed: bool) {
-        self.with(|conversation| conversation.set_emergency_stop(pressed));
+        self.with(|conversation| conversation.next().emergency_stop = pressed);
+    }
+
+    /// Puts the line in trouble for so long, in both directions.
+    pub fn disturb_line(&self, trouble: Trouble, duration: Duration) {
+        self.with(|conversation| {
+            let until = conversation.now() + duration;
+            conversation.next().trouble = Some((trouble, until.as_nanos() as u64));
+        });
+    }
+
+    /// Turns a motor by hand, with the arm uncoupled, as time goes on.
+    pub fn turn_by_hand(&self, turn: Turn) {
+        self.with(|conversation| conversation.next().turn = Some(turn));
+    }
+
+    /// Does something to the chip itself, between two instructions, and returns what that gives. Panics when the
+    /// emulation has ended.
+    pub fn intervene<T: Send + 'static>(
+        &self,
+        deed: impl FnOnce(&mut Session<Nucleo>, &mut dyn Host, VirtualNanos) -> T + Send + 'static,
+    ) -> T {
+        let (sender, result) = mpsc::channel();
+        self.with(|conversation| {
+            // Before the first instant there is no answer to wait for.
+            let duration = Duration::from_nanos(u64::from(conversation.now().is_zero()));
+            conversation.next().intervention = Some(Intervention(Box::new(move |session, host, at| {
+                // Nobody waits any more where the host's thread has gone.
+                let _ = sender.send(deed(session, host, at));
+            })));
+            let _ = conversation.run(duration, Until::TimeIsUp);
+        });
+        result.recv().expect("an emulation that has not ended")
     }
 
     /// Cuts the power for a millisecond.

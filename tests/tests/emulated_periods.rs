@@ -73,6 +73,7 @@ fn runs_in_time(loop_period_ns: u32, law: ControlLaw, limit_us: f64) {
     let movement = client.run(&plan, &mut |_| {}).expect("a movement");
     let timing = client.hello().expect("an answer").timing;
     let observations = board.finish().expect("a run without error");
+    observations.check_always();
 
     let time = ControlTime::while_powered(&observations).expect("switched on and off again");
     println!("{:3} µs {law:?}: {time}", loop_period_ns / 1000);
@@ -184,6 +185,7 @@ fn every_request_in_time(loop_period_ns: u32, law: ControlLaw, limit_us: f64) {
     client.command(Request::Disarm).expect("disarmed");
     asked.push(("disarm", from_ns, now_ns(&client)));
     let observations = board.finish().expect("a run without error");
+    observations.check_always();
 
     let mut longest: Vec<(&str, ControlTime)> = Vec::new();
     for (name, from_ns, to_ns) in asked {

@@ -24,9 +24,6 @@ use shared::trajectory::{Points, Trajectory};
 
 const SEED: u64 = 5;
 
-/// Registers that the firmware may touch although no model answers for them, each for a reason.
-const UNMODELLED: [&str; 0] = [];
-
 /// Longer than a store without an erasure takes, from the request to the seal.
 const STORE: Duration = Duration::from_millis(40);
 /// With one.
@@ -113,15 +110,6 @@ fn stored(number: usize) -> StoredParameters {
     }
 }
 
-/// What must be true of every run, whatever happened in it.
-fn check_always(observations: &Observations) {
-    assert_eq!(observations.unmodelled, UNMODELLED);
-    assert_eq!(observations.flash_faults, [""; 0]);
-    for used in &observations.flash_uses {
-        assert!(!used.amplifiers_enabled, "the flash memory was written to with the amplifiers on: {used:?}");
-    }
-}
-
 fn erasures(observations: &Observations) -> usize {
     observations.flash_uses.iter().filter(|used| matches!(used.operation, FlashOperation::Erase { .. })).count()
 }
@@ -160,7 +148,7 @@ fn parameters_survive_a_power_cycle_and_a_blank_memory_is_prepared_for_them() {
     assert_eq!((status.stored, status.configuration_crc), (StoredParameters::NONE, None));
 
     let observations = board.finish().expect("a run without error");
-    check_always(&observations);
+    observations.check_always();
     assert_eq!(erasures(&observations), 1);
     assert_eq!(observations.restarts.iter().map(|restart| restart.cause).collect::<Vec<_>>(), [Cause::PowerOn; 2]);
 }
@@ -199,7 +187,7 @@ fn power_cut_during_a_store_leaves_the_old_or_the_new_model() {
         }
     }
     let observations = board.finish().expect("a run without error");
-    check_always(&observations);
+    observations.check_always();
     println!("{} power cuts, {kept_new} with the new model", observations.restarts.len());
     assert_eq!((observations.restarts.len(), kept_new), (points.len(), 1), "{:?}", observations.restarts);
     assert!(observations.restarts.iter().all(|restart| restart.cause == Cause::PowerOn));
@@ -228,7 +216,7 @@ fn power_cut_during_a_sector_change_leaves_the_old_or_the_new_model() {
         board.run(STORE);
         assert_eq!(connected(&board).status().expect("a status").stored, stored(RECORDS), "cut at {point}");
         let observations = board.finish().expect("a run without error");
-        check_always(&observations);
+        observations.check_always();
         assert_eq!(observations.restarts.len(), 2);
         let second = PARAMETERS.start + (PARAMETERS.end - PARAMETERS.start) / 2;
         for used in &observations.flash_uses {
@@ -270,7 +258,7 @@ fn storing_and_moving_exclude_each_other() {
     assert_eq!((movement.partial, movement.samples.len() as u32), (None, movement.planned_rows));
 
     let observations = board.finish().expect("a run without error");
-    check_always(&observations);
+    observations.check_always();
     assert!(observations.outputs.iter().any(|change| change.outputs.amplifiers_enabled));
     assert_eq!(erasures(&observations), 1);
     assert!(observations.restarts.is_empty(), "the watchdog was fed: {:?}", observations.restarts);
@@ -294,7 +282,7 @@ fn what_cannot_be_used_is_named_and_left_alone() {
     };
     assert_eq!((theirs, status.configuration_crc), (ours + 1, None));
     let observations = board.finish().expect("a run without error");
-    check_always(&observations);
+    observations.check_always();
     assert_eq!(observations.flash_uses, []);
 }
 

@@ -23,9 +23,6 @@ const PERIOD_NS: f64 = 700_000.0;
 /// When a disturbance begins, in rows.
 const DISTURBED_AT_ROW: u32 = 500;
 
-/// Registers that the firmware may touch although no model answers for them, each for a reason.
-const UNMODELLED: [&str; 0] = [];
-
 fn switched_on() -> Option<EmulatedBoard> {
     let Some(firmware) = firmware_from_environment() else {
         println!("SKIPPED: {FIRMWARE_VARIABLE} names no image; run `tests/run emulated`, which builds one");
@@ -85,7 +82,7 @@ fn check_complete(movement: &Movement) {
 /// longer than a period.
 fn finish(board: EmulatedBoard) -> Observations {
     let observations = board.finish().expect("a run without error");
-    assert_eq!(observations.unmodelled, UNMODELLED);
+    observations.check_always();
     assert!(observations.restarts.is_empty(), "{:?}", observations.restarts);
     let traffic = &observations.usb;
     println!(

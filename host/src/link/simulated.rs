@@ -51,6 +51,12 @@ pub struct SimulatedBoard {
     /// Current that flows, in A.
     current_a: [f64; 2],
     amplifiers_on: bool,
+    /// What the board put out at its last tick.
+    command_code: [u16; 2],
+    /// What the counters show beyond the position of the arm.
+    counter_offset: [i32; 2],
+    emergency_stop: bool,
+    equal_cells: bool,
     random: Random,
     time_ns: u64,
     from_host: Decoder,
@@ -93,6 +99,10 @@ impl SimulatedBoard {
             state: State::at_rest([0.0; 2]),
             current_a: [0.0; 2],
             amplifiers_on: false,
+            command_code: [MID_SCALE; 2],
+            counter_offset: [0; 2],
+            emergency_stop: false,
+            equal_cells: false,
             random: Random::new(seed, 2),
             time_ns: 0,
             from_host: Decoder::new(),
@@ -116,11 +126,42 @@ impl SimulatedBoard {
         &self.hidden
     }
 
+    /// With the encoders of a real board: all their cells are one count wide, while that of 0 is two counts wide after
+    /// the paper's `fix()`. Both agree where positions are negative.
+    pub fn with_equal_cells(mut self) -> Self {
+        self.equal_cells = true;
+        self
+    }
+
+    /// Presses or releases the emergency stop.
+    pub fn set_emergency_stop(&mut self, pressed: bool) {
+        self.emergency_stop = pressed;
+    }
+
+    /// Lets both hardware counters, which wrap, count on by `counts` although the arm does not move: as if they had
+    /// started elsewhere, or the motors had been turned uncoupled.
+    pub fn count_on(&mut self, counts: [i32; 2]) {
+        for (offset, counts) in self.counter_offset.iter_mut().zip(counts) {
+            *offset = offset.wrapping_add(counts);
+        }
+    }
+
+    /// Codes of both current commands after the last tick, and whether the amplifiers are on.
+    pub fn outputs(&self) -> ([u16; 2], bool) {
+        (self.command_code, self.amplifiers_on)
+    }
+
     /// One loop period: sample, decide, let the arm move.
     fn tick(&mut self) {
         let inputs = Inputs {
             counts: std::array::from_fn(|joint| {
-                self.drives[joint].encoder_counts(self.state.position_rad[joint]) as i32
+                let (drive, position_rad) = (&self.drives[joint], self.state.position_rad[joint]);
+                let counts = if self.equal_cells {
+                    (position_rad * drive.counts_per_rad()).ceil()
+                } else {
+                    drive.encoder_counts(position_rad)
+                } as i32;
+                counts.wrapping_add(self.counter_offset[joint])
             }),
             current_code: std::array::from_fn(|joint| {
                 let measured_a = self.current_a[joint] + CURRENT_NOISE_A * self.random.normal();
@@ -128,11 +169,12 @@ impl SimulatedBoard {
                 let code = (measured_a - scale.adc_offset_a) / scale.adc_a_per_code + f64::from(MID_SCALE);
                 code.round().clamp(0.0, 4095.0) as u16
             }),
-            emergency_stop: false,
+            emergency_stop: self.emergency_stop,
             deadline_missed: false,
         };
         let period_ns = u64::from(self.board.loop_period_ns());
         let outputs = self.board.tick(&inputs);
+        self.command_code = outputs.command_code;
         self.board.advance_check();
         if !outputs.amplifier_enable {
             // The brakes engage when power goes, and hold at once.

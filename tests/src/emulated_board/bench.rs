@@ -9,10 +9,12 @@ use rigless::time::VirtualNanos;
 use shared::protocol::Link;
 
 use super::arm::SimulatedArm;
+use super::command::{Answer, Command, PowerCut, Turn, Until};
 use super::flash::{Fate, FlashArray};
 use super::nucleo::{Nucleo, Outputs};
 use super::observations::{FlashUse, Observations, OutputChange, Tick};
 use super::usb::UsbAction;
+use crate::line::Trouble;
 
 /// Ends every frame of the protocol, and occurs nowhere else.
 const FRAME_END: u8 = 0;
@@ -21,61 +23,8 @@ const FRAME_END: u8 = 0;
 const TIM1_STATUS: u64 = 0x4001_0010;
 const TIM1_COUNTER: u64 = 0x4001_0024;
 
-/// What ends a run early.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Until {
-    /// Nothing.
-    #[default]
-    TimeIsUp,
-    /// The board has sent a frame over this link, or the link is gone.
-    Frame(Link),
-    /// The USB port is open.
-    UsbIsOpen,
-}
-
 /// How long the power stays away.
 const POWER_CUT_NS: u64 = 1_000_000;
-
-/// When power fails.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PowerCut {
-    /// At once.
-    Now,
-    /// In the middle of an operation of the flash memory, after so many others.
-    AfterFlashOperations(u64),
-}
-
-/// What the host asks for: bytes to the board, then time.
-#[derive(Debug, Default)]
-pub struct Command {
-    /// Bytes to put on the serial line.
-    pub to_board: Vec<u8>,
-    /// Bytes for the USB port.
-    pub to_usb: Vec<u8>,
-    /// What is to happen on USB, and when, in ns.
-    pub usb_actions: Vec<(u64, UsbAction)>,
-    /// Whether the emergency stop is pressed.
-    pub emergency_stop: bool,
-    /// When to cut the power, if at all.
-    pub power_cut: Option<PowerCut>,
-    /// Until when to run at most, in ns.
-    pub run_until_ns: u64,
-    /// When to come back earlier.
-    pub until: Until,
-}
-
-/// What it gets back.
-#[derive(Debug)]
-pub struct Answer {
-    /// What time it is, in ns.
-    pub at_ns: u64,
-    /// What the board has sent over the serial line.
-    pub from_board: Vec<u8>,
-    /// What the board has sent over USB.
-    pub from_usb: Vec<u8>,
-    /// Whether the USB port is open.
-    pub usb_is_open: bool,
-}
 
 /// The emulator asks it at every stop what happens next. It waits for the host whenever nothing is left to run, so
 /// virtual time passes only when the host waits, and two runs are the same.
@@ -86,6 +35,10 @@ pub struct Bench {
     answers: Sender<Answer>,
     command: Command,
     usb_actions: Vec<(u64, UsbAction)>,
+    /// A motor that is being turned by hand, and when its next edge is due.
+    turn: Option<(Turn, u64)>,
+    /// Until when the serial port sees errors.
+    serial_errors_until_ns: Option<u64>,
     outputs: Option<Outputs>,
     restarts_seen: usize,
     tick: Option<(Tick, u64)>,
@@ -105,6 +58,8 @@ impl Bench {
             answers,
             command: Command::default(),
             usb_actions: Vec::new(),
+            turn: None,
+            serial_errors_until_ns: None,
             outputs: None,
             restarts_seen: 0,
             tick: None,
@@ -139,11 +94,22 @@ impl Bench {
         if at.0 >= self.arm.ahead_ns() {
             self.arm.advance(at.0);
         }
+        if let Some((mut turn, due_ns)) = self.turn.take().filter(|(turn, _)| turn.counts != 0) {
+            let mut due_ns = due_ns;
+            if due_ns <= at.0 {
+                let levels = self.arm.turn_by_hand(turn.joint, turn.counts > 0);
+                board.set_encoder(at, turn.joint, levels);
+                turn.counts -= turn.counts.signum();
+                due_ns += turn.interval_ns;
+            }
+            self.turn = Some((turn, due_ns));
+        }
     }
 
     /// Lets the host have its turn as long as it wants no time to pass. False when it has gone.
-    fn serve_host(&mut self, board: &mut Nucleo, at: VirtualNanos) -> bool {
+    fn serve_host(&mut self, session: &mut Session<Nucleo>, at: VirtualNanos, host: &mut dyn Host) -> bool {
         loop {
+            let board = session.board_mut();
             let usb = board.usb().host();
             let is_over = match self.command.until {
                 Until::TimeIsUp => false,
@@ -183,7 +149,26 @@ impl Bench {
                 Some(PowerCut::AfterFlashOperations(count)) => self.operations_left = Some(count),
                 None => {}
             }
+            if let Some(turn) = command.turn.take() {
+                self.turn = Some((turn, at.0 + turn.interval_ns));
+            }
+            if let Some((trouble, until_ns)) = command.trouble.take() {
+                self.disturb(board, trouble, until_ns);
+            }
+            if let Some(intervention) = command.intervention.take() {
+                (intervention.0)(session, host, at);
+            }
             self.command = command;
+        }
+    }
+
+    fn disturb(&mut self, board: &mut Nucleo, trouble: Trouble, until_ns: u64) {
+        if let Trouble::Noise { per_million } = trouble {
+            board.set_serial_errors(per_million);
+            self.serial_errors_until_ns = Some(until_ns);
+        }
+        if let Some(wire) = board.wire() {
+            wire.disturb(trouble, until_ns);
         }
     }
 
@@ -261,7 +246,7 @@ impl Driver<Nucleo> for Bench {
         }
     }
 
-    fn on_stop(&mut self, session: &mut Session<Nucleo>, stop: Stop, _: &mut dyn Host) -> Option<VirtualNanos> {
+    fn on_stop(&mut self, session: &mut Session<Nucleo>, stop: Stop, host: &mut dyn Host) -> Option<VirtualNanos> {
         let restarts = session.resets().len();
         let board = session.board_mut();
         if self.power_returns_ns.is_some_and(|returns_ns| stop.at.0 >= returns_ns) {
@@ -277,15 +262,23 @@ impl Driver<Nucleo> for Bench {
         board.set_current_codes(self.arm.current_codes());
         board.look_at_usb_pins(stop.at);
         self.act_on_usb(board, stop.at);
-        if !self.serve_host(board, stop.at) {
+        if self.serial_errors_until_ns.is_some_and(|until_ns| until_ns <= stop.at.0) {
+            self.serial_errors_until_ns = None;
+            board.set_serial_errors(0);
+        }
+        if !self.serve_host(session, stop.at, host) {
             self.observations.end_ns = stop.at.0;
             self.observations.instructions = stop.instruction_count;
             self.observations.position_rad = self.arm.position_rad();
+            if let Some(wire) = session.board_mut().wire() {
+                self.observations.line_losses = wire.losses();
+            }
             return None;
         }
         let edge_ns = self.arm.next_edge().map_or(u64::MAX, |edge| edge.at_ns);
         let action_ns = self.usb_actions.iter().map(|&(at_ns, _)| at_ns).min().unwrap_or(u64::MAX);
-        let next_ns = self.arm.ahead_ns().min(edge_ns).min(action_ns).min(self.command.run_until_ns);
+        let turn_ns = self.turn.map_or(u64::MAX, |(_, due_ns)| due_ns);
+        let next_ns = self.arm.ahead_ns().min(edge_ns).min(turn_ns).min(action_ns).min(self.command.run_until_ns);
         Some(VirtualNanos(next_ns.max(stop.at.0 + 1)))
     }
 }

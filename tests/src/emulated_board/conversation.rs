@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use shared::protocol::Link;
 
-use super::bench::{Answer, Command, PowerCut, Until};
+use super::command::{Answer, Command, PowerCut, Until};
 use super::usb::UsbAction;
 
 /// What the host keeps of the conversation.
@@ -16,14 +16,11 @@ pub struct Conversation {
     commands: Option<Sender<Command>>,
     answers: Receiver<Answer>,
     now_ns: u64,
-    to_board: Vec<u8>,
     from_board: VecDeque<u8>,
-    to_usb: Vec<u8>,
     from_usb: VecDeque<u8>,
-    usb_actions: Vec<(u64, UsbAction)>,
     usb_is_open: bool,
-    emergency_stop: bool,
-    power_cut: Option<PowerCut>,
+    /// What the bench is told next; what stays true stays in it.
+    next: Command,
 }
 
 impl Conversation {
@@ -33,14 +30,10 @@ impl Conversation {
             commands: Some(commands),
             answers,
             now_ns: 0,
-            to_board: Vec::new(),
             from_board: VecDeque::new(),
-            to_usb: Vec::new(),
             from_usb: VecDeque::new(),
-            usb_actions: Vec::new(),
             usb_is_open: false,
-            emergency_stop: false,
-            power_cut: None,
+            next: Command::default(),
         }
     }
 
@@ -52,14 +45,15 @@ impl Conversation {
     /// Sends bytes over a link as soon as time goes on.
     pub fn send(&mut self, link: Link, bytes: &[u8]) {
         match link {
-            Link::Usb => self.to_usb.extend_from_slice(bytes),
-            Link::Serial => self.to_board.extend_from_slice(bytes),
+            Link::Usb => self.next.to_usb.extend_from_slice(bytes),
+            Link::Serial => self.next.to_board.extend_from_slice(bytes),
         }
     }
 
     /// Lets something happen on USB so much later.
     pub fn plan_on_usb(&mut self, after: Duration, action: UsbAction) {
-        self.usb_actions.push((self.until_ns(after), action));
+        let at_ns = self.until_ns(after);
+        self.next.usb_actions.push((at_ns, action));
     }
 
     /// Whether the USB port is open.
@@ -67,14 +61,14 @@ impl Conversation {
         self.usb_is_open
     }
 
-    /// Presses or releases the emergency stop as soon as time goes on.
-    pub fn set_emergency_stop(&mut self, pressed: bool) {
-        self.emergency_stop = pressed;
+    /// What else is to happen as soon as time goes on.
+    pub fn next(&mut self) -> &mut Command {
+        &mut self.next
     }
 
     /// Cuts the power, counted from when time goes on.
     pub fn cut_power(&mut self, when: PowerCut) {
-        self.power_cut = Some(when);
+        self.next.power_cut = Some(when);
     }
 
     /// Lets the board run until it has sent a frame, for at most `timeout`; nothing when the emulation has ended.
@@ -92,15 +86,9 @@ impl Conversation {
 
     /// Lets the board run; nothing when the emulation has ended.
     pub fn run(&mut self, duration: Duration, until: Until) -> Option<()> {
-        let command = Command {
-            to_board: std::mem::take(&mut self.to_board),
-            emergency_stop: self.emergency_stop,
-            to_usb: std::mem::take(&mut self.to_usb),
-            usb_actions: std::mem::take(&mut self.usb_actions),
-            power_cut: self.power_cut.take(),
-            run_until_ns: self.until_ns(duration),
-            until,
-        };
+        let run_until_ns = self.until_ns(duration);
+        let next = Command { emergency_stop: self.next.emergency_stop, ..Command::default() };
+        let command = Command { run_until_ns, until, ..std::mem::replace(&mut self.next, next) };
         self.commands.as_ref()?.send(command).ok()?;
         let answer = self.answers.recv().ok()?;
         self.now_ns = answer.at_ns;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use armid::link::{Link, LinkError};
 use shared::protocol::Link as Wire;
 
-use super::bench::Until;
+use super::command::Until;
 use super::conversation::Conversation;
 
 /// A link to an emulated board, for [`armid::client::Client`]. Its clock is the board's.

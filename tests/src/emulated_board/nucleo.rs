@@ -2,6 +2,7 @@
 
 use std::num::{NonZeroU32, NonZeroU64};
 
+use rigless::chip::uart::Rate;
 use rigless::cpu::armv7m::windows;
 use rigless::device::{DeviceContext, Level};
 use rigless::machine::{Board, Crystal, Target, armv7m};
@@ -9,6 +10,7 @@ use rigless::mcu::{Bare, Mcu, Operate as _};
 use rigless::snapshot::Store;
 use rigless::soc::Error;
 use rigless::soc::st::tim;
+use rigless::soc::stm32f427::Stm32f427;
 use rigless::soc::stm32f427::generated::{FLASH, flash::Register, gpioa};
 use rigless::soc::stm32f427::peripherals::{
     adc,
@@ -61,6 +63,9 @@ const PORT_B: usize = 1;
 const PORT_C: usize = 2;
 const PORT_D: usize = 3;
 const PORT_F: usize = 5;
+
+/// Makes the noise of the serial line, when there is any.
+const LINE_SEED: u64 = 1;
 
 /// USART3 among the emulator's serial ports.
 const SERIAL_PORT: usize = 2;
@@ -128,7 +133,7 @@ impl Nucleo {
             for converter in &mut stm32.adc[..2] {
                 converter.set_reference(CONVERTER_REFERENCE_MV);
             }
-            stm32.usart[SERIAL_PORT].attach(Wire::default());
+            stm32.usart[SERIAL_PORT].attach(Wire::new(LINE_SEED));
         })?;
         Ok(Self { part, memory_map: flash::memory_map()? })
     }
@@ -185,6 +190,11 @@ impl Nucleo {
         }
     }
 
+    /// The microcontroller, but for what is ours in it.
+    pub fn chip_mut(&mut self) -> &mut Stm32f427 {
+        &mut self.part.stm32
+    }
+
     /// The host's end of the serial line; nothing as long as its pins are not the USART's.
     pub fn wire(&mut self) -> Option<&mut Wire> {
         let connected = SERIAL_PINS.into_iter().all(|pin| self.carries(pin));
@@ -207,6 +217,15 @@ impl Nucleo {
         if self.part.usb.would_change(wired) {
             self.part.drive_usb(at, |usb, context| usb.wire(wired, context));
         }
+    }
+
+    /// How many words in a million the board's serial port receives with noise on them, and as many with a framing
+    /// error; both have bits flipped.
+    pub fn set_serial_errors(&mut self, per_million: u32) {
+        let errors = self.part.stm32.usart[SERIAL_PORT].errors_mut();
+        errors.seed = LINE_SEED;
+        errors.noise = Rate { name: "noise", per_million };
+        errors.framing = Rate { name: "framing", per_million };
     }
 
     /// What is put out at this instant.

@@ -6,6 +6,7 @@ use rigless::session::Session;
 use super::flash::{FlashOperation, PARAMETERS};
 use super::nucleo::{CORE_CLOCK_HZ, INSTRUCTIONS_PER_SECOND, Nucleo, Outputs};
 use super::usb::Enumerated;
+use crate::line::Losses;
 
 /// Core cycles in one step of TIM1, as the firmware sets its prescaler.
 const CYCLES_PER_TIMER_STEP: u64 = 2;
@@ -94,6 +95,8 @@ pub struct Observations {
     pub edges: [u64; 2],
     /// Joint angles in rad at the end.
     pub position_rad: [f64; 2],
+    /// What became of the bytes on the line to the board, and from it.
+    pub line_losses: [Losses; 2],
     /// Every restart after the first start.
     pub restarts: Vec<Restart>,
     /// Registers that the firmware touched and no model answers for, and addresses where there is nothing.
