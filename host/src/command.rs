@@ -6,6 +6,8 @@ mod common;
 mod demo;
 mod drawing;
 mod error;
+#[cfg(feature = "flash")]
+mod flash;
 mod identify;
 mod info;
 mod progress;
@@ -42,6 +44,9 @@ Results go to stdout, progress and advice to stderr. Every command has its own -
 enum Command {
     /// Show the whole chain on a simulated robot: record, calibrate, identify, upload, track.
     Demo(demo::Demo),
+    /// Write the firmware to the board through its debug probe, and verify it.
+    #[cfg(feature = "flash")]
+    Flash(flash::Flash),
     /// Show who the board is, what it is doing, and its counters.
     Info(info::Info),
     /// Run a movement and record it.
@@ -64,6 +69,8 @@ enum Command {
 pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     match arguments.command {
         Command::Demo(command) => command.run(),
+        #[cfg(feature = "flash")]
+        Command::Flash(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Record(command) => command.run(),
         Command::Bench(command) => command.run(),

@@ -25,6 +25,7 @@ mod model;
 mod recording;
 mod refusal;
 mod status;
+pub mod usb;
 
 pub use configuration::{
     ComputedTorqueConstants, Configuration, ConfigurationError, ConfigurationPart, CurrentScale, Field, GainLimitCause,

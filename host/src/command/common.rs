@@ -46,7 +46,7 @@ impl RobotArguments {
 /// Which board, and what may be done to get it going.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArguments {
-    /// Board: usb, tcp:HOST:PORT, serial:PATH[@BAUD] or sim; without it, one found on USB
+    /// Board: usb, usb:SERIAL, tcp:HOST:PORT, serial:PATH[@BAUD] or sim; without it, the one found on USB
     #[arg(long, value_name = "BOARD", env = "ARMID_BOARD")]
     pub board: Option<Address>,
     /// Seed of the simulated board's hidden robot and noise
@@ -78,7 +78,7 @@ impl FromStr for JointAngles {
 impl BoardArguments {
     /// Connects to the board.
     pub fn connect(&self, robot: &Robot) -> Result<Client, CommandError> {
-        let address = self.board.clone().unwrap_or(Address::Usb);
+        let address = self.board.clone().unwrap_or(Address::ANY_USB);
         Ok(Client::connect(link::open(&address, robot, self.seed)?)?)
     }
 

@@ -5,27 +5,42 @@ use std::time::{Duration, Instant};
 
 use serialport::SerialPort;
 
+use super::usb::UsbPort;
 use super::{Link, LinkError};
 
 /// How long one write may take: a frame lasts 3 ms at the default rate.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
 
+/// Bits per second asked for on USB, where the number means nothing.
+const USB_BAUD: u32 = 1_000_000;
+
 /// A serial line to a board.
 pub struct SerialLink {
     port: Box<dyn SerialPort>,
-    path: String,
+    name: String,
     start: Instant,
 }
 
 impl SerialLink {
     /// Opens the line at `path` with `baud` bits per second.
     pub fn open(path: &str, baud: u32) -> Result<Self, LinkError> {
-        let port = serialport::new(path, baud).timeout(WRITE_TIMEOUT).open().map_err(|error| LinkError::Connect {
-            address: format!("serial:{path}"),
+        Self::open_named(path, baud, format!("serial:{path}"))
+    }
+
+    /// Opens the port of a board on USB.
+    pub fn open_usb(board: &UsbPort) -> Result<Self, LinkError> {
+        Self::open_named(&board.path, USB_BAUD, board.to_string())
+    }
+
+    fn open_named(path: &str, baud: u32, name: String) -> Result<Self, LinkError> {
+        // The board on USB sends only to a host that says it is there, which is what this line says.
+        let port = serialport::new(path, baud).timeout(WRITE_TIMEOUT).dtr_on_open(true).open();
+        let port = port.map_err(|error| LinkError::Connect {
+            address: name.clone(),
             reason: error.to_string(),
-            remedy: "check the path, that no other program has it open, and that you may use it (group dialout)",
+            remedy: remedy(error.kind()),
         })?;
-        Ok(Self { port, path: path.into(), start: Instant::now() })
+        Ok(Self { port, name, start: Instant::now() })
     }
 
     fn broken(&self, reason: impl ToString) -> LinkError {
@@ -57,6 +72,35 @@ impl Link for SerialLink {
     }
 
     fn name(&self) -> String {
-        format!("serial:{}", self.path)
+        self.name.clone()
+    }
+}
+
+/// What to do about a port that does not open.
+fn remedy(kind: serialport::ErrorKind) -> &'static str {
+    match kind {
+        serialport::ErrorKind::Io(ErrorKind::PermissionDenied) if cfg!(target_os = "linux") => {
+            "install armid's udev rules (host/udev/60-armid.rules, see the README) and plug the board in again, or join \
+             the group dialout"
+        }
+        // This is how the library calls a port that another program holds.
+        serialport::ErrorKind::NoDevice => {
+            "another program has it open; ModemManager looks at every new port for some seconds unless armid's udev \
+             rules (host/udev/60-armid.rules) tell it not to"
+        }
+        _ => "check the path, that no other program has it open, and that you may use it (udev rules, group dialout)",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_may_not_be_used_is_told_from_one_that_is_not_there() {
+        let denied = remedy(serialport::ErrorKind::Io(ErrorKind::PermissionDenied));
+        assert!(denied.contains("60-armid.rules") || !cfg!(target_os = "linux"), "{denied}");
+        assert!(remedy(serialport::ErrorKind::NoDevice).contains("ModemManager"));
+        assert!(remedy(serialport::ErrorKind::Io(ErrorKind::NotFound)).contains("check the path"));
     }
 }
