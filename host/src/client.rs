@@ -1,5 +1,6 @@
 //! Talking to a board: requests with sequence numbers, repeats, time limits, and what comes unasked.
 
+mod interrupt;
 mod movement;
 mod session;
 
@@ -11,6 +12,7 @@ use shared::protocol::{
     PROTOCOL_VERSION, Refusal, Reply, Request, encode_host_message,
 };
 
+pub use interrupt::Interrupt;
 pub use movement::{Movement, MovementPlan, MovementProgress};
 pub use session::{ModelReceipt, Pose, SessionError};
 
@@ -30,6 +32,7 @@ pub struct Client {
     sequence: u32,
     repeats: u32,
     info: Info,
+    interrupt: Interrupt,
 }
 
 /// Why a request brought nothing.
@@ -108,6 +111,7 @@ impl Client {
             sequence,
             repeats: 0,
             info: empty_info(),
+            interrupt: Interrupt::default(),
         };
         client.info = client.hello()?;
         Ok(client)
@@ -119,6 +123,11 @@ impl Client {
             Reply::Info(info) => Ok(info),
             _ => Err(ClientError::Unexpected { request: "hello" }),
         }
+    }
+
+    /// Lets `interrupt` end a movement before its time. Asked once, it ends every later movement too.
+    pub fn end_movements_on(&mut self, interrupt: Interrupt) {
+        self.interrupt = interrupt;
     }
 
     /// Who the board is, from the handshake.

@@ -10,6 +10,7 @@ mod error;
 mod flash;
 mod identify;
 mod info;
+mod interrupt;
 mod progress;
 mod record;
 mod run;

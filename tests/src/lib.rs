@@ -7,5 +7,6 @@
 
 #![forbid(unsafe_code)]
 
+pub mod board_server;
 pub mod emulated_board;
 pub mod simulator;

@@ -216,13 +216,29 @@ pub fn check_outputs<'a, 'b>(
     Ok(())
 }
 
+/// What may happen to a recording that is there already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// It stays: it is of a movement that nobody can repeat exactly.
+    Keep,
+    /// It is replaced, because that was asked for or because the same command makes it again.
+    Replace,
+}
+
 /// A recording about to be written and its sidecar, neither of which may replace a file of another kind.
 pub fn check_recording_outputs<'a>(
     recording: &Path,
+    existing: Existing,
     inputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<(), CommandError> {
     let sidecar = Recording::manifest_path(recording);
     check_outputs([recording, sidecar.as_path()], inputs)?;
+    if existing == Existing::Keep && recording.exists() {
+        return Err(CommandError::Usage(format!(
+            "{} exists; choose another --out, or replace it with --force",
+            recording.display()
+        )));
+    }
     if sidecar.is_file() && Manifest::read(&sidecar).is_err() {
         return Err(CommandError::Usage(format!(
             "{} exists and is no recording's manifest, but the manifest of {} would go there; choose another --out",
