@@ -11,6 +11,7 @@ mod flash;
 mod identify;
 mod info;
 mod interrupt;
+mod monitor;
 mod progress;
 mod record;
 mod run;
@@ -50,6 +51,8 @@ enum Command {
     Flash(flash::Flash),
     /// Show who the board is, what it is doing, and its counters.
     Info(info::Info),
+    /// Watch the errors and currents of both joints.
+    Monitor(monitor::Monitor),
     /// Run a movement and record it.
     Record(record::Record),
     /// Find the position loop's A/count and lead from recordings.
@@ -73,6 +76,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         #[cfg(feature = "flash")]
         Command::Flash(command) => command.run(),
         Command::Info(command) => command.run(),
+        Command::Monitor(command) => command.run(),
         Command::Record(command) => command.run(),
         Command::Bench(command) => command.run(),
         Command::Calibrate(command) => command.run(),

@@ -14,8 +14,11 @@ const INTERRUPTED: i32 = 130;
 static WATCHING: AtomicBool = AtomicBool::new(false);
 static INTERRUPT: OnceLock<Interrupt> = OnceLock::new();
 
-/// From now on Ctrl-C, and the request of the system to end, count in what is returned; the third ends the program.
-pub fn watch() -> Interrupt {
+/// From now on Ctrl-C, and the request of the system to end, count in what is returned, with one of `advice` each time;
+/// the first without advice left behind that ends the program, but never the very first.
+///
+/// A command calls this with one advice only.
+pub fn watch(advice: &'static [&'static str]) -> Interrupt {
     let interrupt = INTERRUPT.get_or_init(|| {
         let interrupt = Interrupt::default();
         let counted = interrupt.clone();
@@ -23,10 +26,11 @@ pub fn watch() -> Interrupt {
             if !WATCHING.load(Ordering::SeqCst) {
                 std::process::exit(INTERRUPTED);
             }
-            match counted.ask() {
-                1 => advise("stopping along the path; press Ctrl-C again to switch off at once"),
-                2 => advise("switching off; press Ctrl-C again to end without the recording"),
-                _ => std::process::exit(INTERRUPTED),
+            let asked = counted.ask() as usize;
+            match advice.get(asked - 1) {
+                Some(advice) => advise(advice),
+                None if asked == 1 => {}
+                None => std::process::exit(INTERRUPTED),
             }
         };
         if let Err(error) = ctrlc::set_handler(handler) {

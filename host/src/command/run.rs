@@ -33,7 +33,7 @@ impl Run<'_> {
         };
         let plan = MovementPlan { law, settle_ns: self.movement.settle_ns };
         let mut show = progress::of_movement(&self.movement.name);
-        client.end_movements_on(interrupt::watch());
+        client.end_movements_on(interrupt::watch(&CTRL_C));
         let movement = client.run(&plan, &mut show);
         interrupt::leave();
         let movement = movement?;
@@ -52,6 +52,12 @@ impl Run<'_> {
         Ok(Ran { recording, board_lost: movement.recording.is_none(), reread_from })
     }
 }
+
+/// What the first and the second Ctrl-C do during a movement.
+const CTRL_C: [&str; 2] = [
+    "stopping along the path; press Ctrl-C again to switch off at once",
+    "switching off; press Ctrl-C again to end without the recording",
+];
 
 /// Address of a simulated board.
 const SIMULATED: &str = "sim";
