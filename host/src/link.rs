@@ -21,6 +21,13 @@ pub trait Link {
     /// Waits for bytes for at most `timeout`, puts them into `buffer` and says how many: 0 where none came.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError>;
 
+    /// Opens a connection that broke again, waiting for the board to come back for at most `timeout`: a USB port is gone
+    /// for a while when its cable is pulled. A link that cannot come back says that it is broken.
+    fn reopen(&mut self, timeout: Duration) -> Result<(), LinkError> {
+        let _ = timeout;
+        Err(LinkError::Broken { address: self.name(), reason: "it cannot be opened again".into() })
+    }
+
     /// Time on the link's clock: real time for a real board, virtual time for a simulated one.
     fn now(&self) -> Duration;
 

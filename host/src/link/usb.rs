@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use serialport::{SerialPortInfo, SerialPortType, UsbPortInfo};
-use shared::protocol::usb::{PRODUCT_ID, VENDOR_ID};
+use shared::protocol::usb::{PRODUCT, PRODUCT_ID, VENDOR_ID};
 
 use super::LinkError;
 
@@ -42,7 +42,12 @@ pub fn ports() -> Vec<SerialPortInfo> {
 
 /// The boards among `ports`, by path.
 pub fn boards(ports: &[SerialPortInfo]) -> Vec<UsbPort> {
-    matching(ports, |usb| (usb.vid, usb.pid) == (VENDOR_ID, PRODUCT_ID))
+    // The numbers are shared with other devices under test, which call themselves otherwise; Windows tells the name of its
+    // driver instead.
+    let is_named_otherwise = |name: &String| !cfg!(windows) && name != PRODUCT;
+    matching(ports, |usb| {
+        (usb.vid, usb.pid) == (VENDOR_ID, PRODUCT_ID) && !usb.product.as_ref().is_some_and(is_named_otherwise)
+    })
 }
 
 /// The virtual serial ports of ST-LINK probes among `ports`, by path. What is behind them is not known until it is
@@ -111,18 +116,26 @@ mod tests {
         usb(path, VENDOR_ID, PRODUCT_ID, Some(serial_number))
     }
 
+    fn named(mut port: SerialPortInfo, product: &str) -> SerialPortInfo {
+        if let SerialPortType::UsbPort(usb) = &mut port.port_type {
+            usb.product = Some(product.into());
+        }
+        port
+    }
+
     fn others() -> Vec<SerialPortInfo> {
         vec![
             SerialPortInfo { port_name: "/dev/ttyS0".into(), port_type: SerialPortType::PciPort },
             usb("/dev/ttyUSB0", 0x0403, 0x6001, Some("A1")),
             usb("/dev/ttyACM9", VENDOR_ID, PRODUCT_ID + 1, Some("A1")),
+            named(board("/dev/ttyACM8", "A1"), "another device under test"),
         ]
     }
 
     #[test]
     fn the_only_board_is_taken_whatever_else_is_connected() {
         let mut ports = others();
-        ports.push(board("/dev/ttyACM1", "A1"));
+        ports.push(named(board("/dev/ttyACM1", "A1"), PRODUCT));
         let expected = UsbPort { path: "/dev/ttyACM1".into(), serial_number: Some("A1".into()) };
         assert_eq!(choose(&ports, None).unwrap(), expected);
         assert_eq!(choose(&ports, Some("A1")).unwrap(), expected);
