@@ -47,7 +47,8 @@ fn board(
         let mut waiting = 0;
         let mut sent = 0;
         while let Ok((mut stream, _)) = listener.accept() {
-            let (mut buffer, mut decoder) = ([0; 512], Decoder::new());
+            let mut buffer = [0; 512];
+            let mut decoder: Decoder = Decoder::new();
             while let Ok(count @ 1..) = stream.read(&mut buffer) {
                 for &byte in &buffer[..count] {
                     let Some(Ok(message)) = decoder.host_message(byte) else { continue };
