@@ -46,7 +46,7 @@ impl Elf {
     fn bytes(&self) -> Vec<u8> {
         const HEADER: usize = 52;
         const PROGRAM_HEADER: usize = 32;
-        let mut contents = Vec::new();
+        let mut contents: Vec<u8> = Vec::new();
         let mut program_headers: Vec<u32> = Vec::new();
         let contents_at = HEADER + self.segments.len() * PROGRAM_HEADER;
         for (address, bytes) in &self.segments {
