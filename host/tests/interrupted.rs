@@ -189,8 +189,8 @@ fn a_recording_that_could_not_be_written_is_read_again_from_the_board() {
     let mut robot = Robot::paper();
     robot.joints[0].current_full_scale_a *= 0.5;
     robot.joints[0].current_limit_a *= 0.5;
-    robot.write(&folder.path().join("other.toml")).unwrap();
-    let output = again("--out other.csv --robot other.toml");
+    robot.write(&folder.path().join("half.toml")).unwrap();
+    let output = again("--out other.csv --robot half.toml");
     assert_eq!(output.status.code(), Some(USAGE), "{}", text(&output));
     assert!(text(&output).contains("other robot constants"), "{}", text(&output));
 }
