@@ -102,8 +102,7 @@ impl History {
     ) {
         let points =
             [0, 1].map(|joint| self.rows.iter().map(|row| (row.time_s, value(row, joint))).collect::<Vec<_>>());
-        let values = || points.iter().flatten().map(|(_, value)| *value);
-        let (low, high) = (values().fold(-least, f64::min), values().fold(least, f64::max));
+        let largest = points.iter().flatten().fold(least, |largest, (_, value)| value.abs().max(largest));
         let end_s = self.rows.back().map_or(0.0, |row| row.time_s).max(WINDOW_S);
         let now = points.each_ref().map(|points| points.last().map_or(0.0, |(_, value)| *value));
         let datasets = (0..2)
@@ -118,9 +117,15 @@ impl History {
             .collect();
         let times = [end_s - WINDOW_S, end_s];
         let chart = Chart::new(datasets)
+            // The legend shows the numbers of now; by itself it would hide on a small terminal.
+            .hidden_legend_constraints((Constraint::Ratio(1, 1), Constraint::Ratio(1, 1)))
             .block(Block::bordered().title(title))
             .x_axis(Axis::default().bounds(times).labels(times.map(|time_s| format!("{time_s:.0} s"))))
-            .y_axis(Axis::default().bounds([low, high]).labels([low, 0.0, high].map(|value| format!("{value:.1}"))));
+            .y_axis(
+                Axis::default()
+                    .bounds([-largest, largest])
+                    .labels([-largest, 0.0, largest].map(|value| format!("{value:.1}"))),
+            );
         frame.render_widget(chart, area);
     }
 }
