@@ -69,17 +69,24 @@ pub fn serve(
     let mut host: Option<Host> = None;
     let mut clock = Clock::new(&link);
     loop {
-        match (listener.accept(), &host) {
-            (Ok((stream, address)), Some(_)) => {
-                refuse(stream);
-                tell(ServerEvent::Refused(address.to_string()));
+        match listener.accept() {
+            Ok((stream, address)) => {
+                // One that left just before the new one came has left, even if nobody has looked since.
+                let present = host.as_mut().map_or(Ok(false), |host| host.is_still_there(&mut link))?;
+                if host.is_some() && !present {
+                    host = None;
+                    tell(ServerEvent::Gone);
+                }
+                if present {
+                    refuse(stream);
+                    tell(ServerEvent::Refused(address.to_string()));
+                } else {
+                    host = Some(Host::new(stream, link.now())?);
+                    tell(ServerEvent::Connected(address.to_string()));
+                }
             }
-            (Ok((stream, address)), None) => {
-                host = Some(Host::new(stream, link.now())?);
-                tell(ServerEvent::Connected(address.to_string()));
-            }
-            (Err(error), _) if error.kind() == ErrorKind::WouldBlock => {}
-            (Err(error), _) => return Err(error.into()),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            Err(error) => return Err(error.into()),
         }
         let board_waits =
             pace == Pace::Host && host.as_ref().is_none_or(|host| link.now() >= host.heard + LONGEST_SILENCE);
@@ -133,6 +140,20 @@ impl Host {
     fn keep(&mut self, bytes: &[u8]) {
         let room = MOST_WAITING_BYTES - self.waiting.len();
         self.waiting.extend_from_slice(&bytes[..bytes.len().min(room)]);
+    }
+
+    /// Takes what it has sent, and sees whether the end of the connection is behind that.
+    fn is_still_there(&mut self, link: &mut EmulatedLink) -> Result<bool, ServerError> {
+        loop {
+            if self.exchange(link, false)?.is_none() {
+                return Ok(false);
+            }
+            match self.stream.peek(&mut [0]) {
+                Ok(0) => return Ok(false),
+                Ok(_) => {}
+                Err(error) => return Ok(error.kind() == ErrorKind::WouldBlock),
+            }
+        }
     }
 
     /// Hands bytes over in both directions; waits for the host a moment if `wait`. None when the host has gone.
