@@ -1,5 +1,6 @@
 //! Talking to a board: requests with sequence numbers, repeats, time limits, and what comes unasked.
 
+mod interrupt;
 mod movement;
 mod session;
 
@@ -11,6 +12,7 @@ use shared::protocol::{
     PROTOCOL_VERSION, Refusal, Reply, Request, encode_host_message,
 };
 
+pub use interrupt::Interrupt;
 pub use movement::{Movement, MovementPlan, MovementProgress};
 pub use session::{ModelReceipt, Pose, SessionError};
 
@@ -33,6 +35,7 @@ pub struct Client {
     repeats: u32,
     reconnections: u32,
     info: Info,
+    interrupt: Interrupt,
 }
 
 /// Why a request brought nothing.
@@ -112,6 +115,7 @@ impl Client {
             repeats: 0,
             reconnections: 0,
             info: empty_info(),
+            interrupt: Interrupt::default(),
         };
         client.info = client.hello()?;
         Ok(client)
@@ -123,6 +127,11 @@ impl Client {
             Reply::Info(info) => Ok(info),
             _ => Err(ClientError::Unexpected { request: "hello" }),
         }
+    }
+
+    /// Lets `interrupt` end a movement before its time. Asked once, it ends every later movement too.
+    pub fn end_movements_on(&mut self, interrupt: Interrupt) {
+        self.interrupt = interrupt;
     }
 
     /// Who the board is, from the handshake.

@@ -4,6 +4,7 @@ mod open;
 mod serial;
 mod simulated;
 mod tcp;
+pub mod usb;
 
 use std::time::Duration;
 
@@ -58,7 +59,33 @@ pub enum LinkError {
     /// No board was given and none was found.
     #[error(
         "no board was found on USB; connect one, name it with --board serial:PATH or --board tcp:HOST:PORT, or use \
-         the simulated one: --board sim"
+         the simulated one: --board sim{}",
+        st_link_advice(st_links)
     )]
-    NoBoard,
+    NoBoard {
+        /// Ports behind which a board may be.
+        st_links: usb::Candidates,
+    },
+    /// No board was given and several were found.
+    #[error("several boards are connected: {found}; choose one with --board usb:SERIAL or --board serial:PATH")]
+    SeveralBoards {
+        /// All of them.
+        found: usb::Candidates,
+    },
+    /// The board named is not connected.
+    #[error(
+        "no board with the serial number {serial_number} is on USB; {}",
+        if found.0.is_empty() { "nor is any other: connect it".into() } else { format!("there are: {found}") }
+    )]
+    NoSuchBoard {
+        /// The one named.
+        serial_number: String,
+        /// Those that are there.
+        found: usb::Candidates,
+    },
+}
+
+fn st_link_advice(st_links: &usb::Candidates) -> String {
+    let Some(first) = st_links.0.first() else { return String::new() };
+    format!(". An ST-LINK is connected: try its serial port, --board serial:{}", first.path)
 }

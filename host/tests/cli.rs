@@ -92,7 +92,7 @@ fn help_documents_the_exit_codes() {
     let codes =
         ["0  done", "1  failed", "2  wrong usage", "3  bad input file", "4  board unreachable", "5  refused as unsafe"];
     assert!(codes.iter().all(|code| help.contains(code)), "{help}");
-    for command in ["demo", "info", "record", "calibrate", "identify", "upload", "track", "simulate"] {
+    for command in ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "simulate"] {
         assert!(help.contains(command));
         bench.done(&format!("{command} --help"));
     }
@@ -107,7 +107,7 @@ fn wrong_usage_is_code_2() {
     bench.refused(USAGE, "identify", &["RECORDING"]);
     bench.refused(USAGE, "upload --board sim", &["MODEL"]);
     bench.refused(USAGE, "upload model.toml --forget --board sim", &["--forget"]);
-    bench.refused(USAGE, "info --board somewhere", &["somewhere", "tcp:HOST:PORT"]);
+    bench.refused(USAGE, "info --board somewhere", &["somewhere", "usb:SERIAL", "tcp:HOST:PORT"]);
     bench.refused(USAGE, "record --board sim --pose north", &["two joint angles"]);
     bench.refused(USAGE, "record --board sim --period -1", &["--period -1"]);
     bench.refused(USAGE, "record --board sim --settle 1e9", &["--settle", "60 s"]);
@@ -122,6 +122,8 @@ fn an_unreachable_board_is_code_4() {
         }
         bench.refused(UNREACHABLE, arguments, &["no board was found on USB", "--board sim"]);
     }
+    // No board has this number, whatever is connected to this machine.
+    bench.refused(UNREACHABLE, "info --board usb:NO-SUCH-BOARD", &["serial number NO-SUCH-BOARD"]);
     bench.refused(UNREACHABLE, "info --board serial:/nowhere/tty", &["serial:/nowhere/tty", "check the path"]);
     // Port 1 of the local machine: nobody listens there, and the answer comes at once.
     bench.refused(UNREACHABLE, "info --board tcp:127.0.0.1:1", &["tcp:127.0.0.1:1", "emulator"]);
@@ -339,6 +341,29 @@ fn info_shows_the_board() {
     ] {
         assert!(text.contains(part), "no {part:?} in: {text}");
     }
+}
+
+#[test]
+fn monitor_shows_rows_for_people_and_for_programs() {
+    let bench = Bench::new();
+    // Half a second in steps of 50 ms, and what the requests themselves took.
+    let lines = bench.done("monitor --board sim --for 0.5 --json");
+    let rows: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!((8..=10).contains(&rows.len()), "{} rows", rows.len());
+    for row in &rows {
+        assert_eq!((&row["mode"], &row["emergency_stop"]), (&"idle".into(), &false.into()));
+        assert_eq!(numbers(&row["error_counts"]), [0.0, 0.0]);
+        assert!(row["links"][0]["bad_frames"].is_u64() && row["fault"].is_null() && row["pose_known"] == false);
+    }
+    let times: Vec<f64> = rows.iter().map(|row| row["time_s"].as_f64().unwrap()).collect();
+    assert!(times.windows(2).all(|pair| (0.05..0.06).contains(&(pair[1] - pair[0]))), "{times:?}");
+
+    // Without a terminal: a header and plain lines.
+    let lines = bench.done("monitor --board sim --for 0.2");
+    assert!(lines.starts_with("time, s") || lines.trim_start().starts_with("time, s"), "{lines}");
+    assert!(lines.lines().skip(1).all(|line| line.ends_with("idle")) && lines.lines().count() > 3, "{lines}");
+    bench.refused(USAGE, "monitor --board sim --for -1", &["--for -1", "positive time"]);
+    bench.refused(UNREACHABLE, "monitor --board tcp:127.0.0.1:1", &["tcp:127.0.0.1:1"]);
 }
 
 #[test]

@@ -9,6 +9,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod board_server;
 pub mod emulated_board;
 pub mod line;
 pub mod scenarios;

@@ -118,6 +118,11 @@ impl Motion {
         self.last_fault = Some(fault);
     }
 
+    /// Reference less actual position at the last tick; 0 while the amplifiers are off.
+    pub(super) fn error_counts(&self) -> [i32; 2] {
+        self.previous_error.filter(|_| self.mode.is_powered()).unwrap_or_default()
+    }
+
     /// Limits that acted since arming.
     pub(super) fn limits(&self) -> LimitsActive {
         self.limits

@@ -180,6 +180,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             tick: self.tick,
             position_counts: self.encoders.position_counts(),
             pose_known: self.encoders.pose_known(),
+            error_counts: self.motion.error_counts(),
             current_a: [measured(0), measured(1)],
             emergency_stop: self.emergency_stop,
             limits_active: self.motion.limits(),

@@ -93,6 +93,8 @@ pub struct Status {
     pub position_counts: [i32; 2],
     /// Whether a pose was declared and the counters have been followed without a jump ever since.
     pub pose_known: bool,
+    /// Reference less actual position in counts; 0 while the amplifiers are off.
+    pub error_counts: [i32; 2],
     /// Measured armature currents in A.
     pub current_a: [f32; 2],
     /// Whether the emergency stop is pressed.

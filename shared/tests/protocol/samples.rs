@@ -157,6 +157,7 @@ pub fn longest_board_messages() -> Vec<BoardMessage> {
             tick: u64::MAX,
             position_counts: [i32::MIN; 2],
             pose_known: true,
+            error_counts: [i32::MIN; 2],
             current_a: [f32::MIN; 2],
             emergency_stop: true,
             limits_active: limits,
