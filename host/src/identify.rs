@@ -7,6 +7,7 @@
 //!
 //! `full` goes the whole way; `paper` is the genetic algorithm alone, over the whole search range.
 
+pub mod batch;
 mod experiment;
 mod least_squares;
 mod linear;

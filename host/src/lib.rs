@@ -22,6 +22,7 @@ pub mod firmware_image;
 pub mod hidden_robot;
 pub mod identified_model;
 pub mod identify;
+pub mod lanes;
 pub mod link;
 pub mod model;
 mod random;

@@ -50,12 +50,34 @@ pub struct Pose<S> {
 
 impl<S: Scalar> Pose<S> {
     /// The pose at joint angles `position_rad`.
-    #[inline]
+    #[inline(always)]
     pub fn at(position_rad: [S; 2]) -> Self {
         let (s2, c2) = position_rad[0].sin_cos();
         let (s3, c3) = position_rad[1].sin_cos();
-        Self { s2, c2, s3, c3, s23: s2 * c3 + c2 * s3, c23: c2 * c3 - s2 * s3 }
+        Self::of([s2, s3], [c2, c3])
     }
+
+    /// The pose after each joint has turned on by a small angle in rad, short of its cube's sixth: 2e-10 at 1e-3 rad.
+    #[inline(always)]
+    pub fn turned(&self, by_rad: [S; 2]) -> Self {
+        let (s2, c2) = turn(self.s2, self.c2, by_rad[0]);
+        let (s3, c3) = turn(self.s3, self.c3, by_rad[1]);
+        Self::of([s2, s3], [c2, c3])
+    }
+
+    #[inline(always)]
+    fn of([s2, s3]: [S; 2], [c2, c3]: [S; 2]) -> Self {
+        Self { s2, c2, s3, c3, s23: s2.mul_add(c3, c2 * s3), c23: c2.mul_add(c3, -(s2 * s3)) }
+    }
+}
+
+/// Sine and cosine of an angle that grows by a small one in rad.
+#[inline(always)]
+fn turn<S: Scalar>(sine: S, cosine: S, by_rad: S) -> (S, S) {
+    let half = by_rad * by_rad.constant(0.5);
+    let mean_cosine = (-half).mul_add(sine, cosine);
+    let mean_sine = half.mul_add(cosine, sine);
+    (by_rad.mul_add(mean_cosine, sine), (-by_rad).mul_add(mean_sine, cosine))
 }
 
 /// The symmetric inertia matrix D in kg m², motors included.
@@ -69,42 +91,42 @@ pub struct Inertia<S> {
 
 impl<S: Scalar> Inertia<S> {
     /// D · vector.
-    #[inline]
+    #[inline(always)]
     pub fn times(&self, vector: [S; 2]) -> [S; 2] {
-        [self.d11 * vector[0] + self.d12 * vector[1], self.d12 * vector[0] + self.d22 * vector[1]]
+        [self.d11.mul_add(vector[0], self.d12 * vector[1]), self.d12.mul_add(vector[0], self.d22 * vector[1])]
     }
 
     /// D⁻¹. Meaningful only where D is positive definite ([`Arm::check_inertia`]).
-    #[inline]
+    #[inline(always)]
     pub fn inverse(&self) -> Self {
-        let reciprocal = S::one() / (self.d11 * self.d22 - self.d12 * self.d12);
+        let reciprocal = self.d11.constant(1.0) / (self.d11 * self.d22 - self.d12 * self.d12);
         Self { d11: self.d22 * reciprocal, d12: -self.d12 * reciprocal, d22: self.d11 * reciprocal }
     }
 }
 
 impl<S: Scalar> Arm<S> {
     /// The inertia matrix D(q3).
-    #[inline]
+    #[inline(always)]
     pub fn inertia(&self, pose: &Pose<S>) -> Inertia<S> {
         let [f1, f2, f3, f4, _, _, f7, _, _] = self.f;
-        let coupling = f3 * pose.c3 - f4 * pose.s3;
+        let coupling = f3.mul_add(pose.c3, -(f4 * pose.s3));
         Inertia { d11: f7 + coupling + coupling, d12: f2 + coupling, d22: f1 }
     }
 
     /// Coriolis and centrifugal torque h in N m, at joint velocities in rad/s.
-    #[inline]
+    #[inline(always)]
     pub fn velocity_torque_nm(&self, pose: &Pose<S>, velocity_rad_s: [S; 2]) -> [S; 2] {
         let [v2, v3] = velocity_rad_s;
-        let k = self.f[2] * pose.s3 + self.f[3] * pose.c3;
+        let k = self.f[2].mul_add(pose.s3, self.f[3] * pose.c3);
         [-k * v3 * (v3 + v2 + v2), k * v2 * v2]
     }
 
     /// Gravity torque g in N m.
-    #[inline]
+    #[inline(always)]
     pub fn gravity_torque_nm(&self, pose: &Pose<S>) -> [S; 2] {
         let [_, _, _, _, f5, f6, _, f8, f9] = self.f;
-        let forearm = f6 * pose.s23 - f5 * pose.c23;
-        [self.gravity_m_s2 * (forearm + f8 * pose.s2 - f9 * pose.c2), self.gravity_m_s2 * forearm]
+        let forearm = f6.mul_add(pose.s23, -(f5 * pose.c23));
+        [self.gravity_m_s2 * f8.mul_add(pose.s2, (-f9).mul_add(pose.c2, forearm)), self.gravity_m_s2 * forearm]
     }
 
     /// Inverse dynamics: the joint torque in N m that gives `acceleration_rad_s2` at this state, friction apart.
@@ -205,7 +227,7 @@ impl<S: Scalar> Load<S> {
             m * x,
             m * y,
             m * upper_arm_m * upper_arm_m + about_joint,
-            S::zero(),
+            m.constant(0.0),
             m * upper_arm_m,
         ]
     }

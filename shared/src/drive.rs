@@ -29,19 +29,19 @@ pub struct Drive<S> {
 
 impl<S: Scalar> Drive<S> {
     /// Encoder counts per radian of the joint: +13725.5 and −8546.6 on the paper's robot.
-    #[inline]
+    #[inline(always)]
     pub fn counts_per_rad(&self) -> S {
-        self.gear_ratio * self.counts_per_rev * S::from_f64(1.0 / core::f64::consts::TAU)
+        self.gear_ratio * self.counts_per_rev * self.gear_ratio.constant(1.0 / core::f64::consts::TAU)
     }
 
     /// Motor torque in N m for a commanded current in A: limited by the amplifier, offset included.
-    #[inline]
+    #[inline(always)]
     pub fn motor_torque_nm(&self, command_a: S) -> S {
         command_a.clamp_abs(self.current_limit_a) * self.torque_constant_nm_per_a - self.torque_offset_nm
     }
 
     /// The count an ideal encoder shows at `position_rad`, after `fix()`.
-    #[inline]
+    #[inline(always)]
     pub fn encoder_counts(&self, position_rad: S) -> S {
         (position_rad * self.counts_per_rad()).fix()
     }
@@ -51,15 +51,15 @@ impl<S: Scalar> Drive<S> {
 ///
 /// `fix()` puts every position of 1 ≤ x < 2 at 1, so the count is half a count too small in magnitude on average;
 /// only the cell of 0, two counts wide, is centred on its count.
-#[inline]
+#[inline(always)]
 pub fn centre_of_count<S: Scalar>(count: S) -> S {
-    let half = S::from_f64(0.5);
-    count + S::select(half.less(count.abs()), count.signed(half), S::zero())
+    let half = count.constant(0.5);
+    count + S::select(half.less(count.abs()), count.signed(half), count.constant(0.0))
 }
 
 /// What a truncating encoder shows on average near `position_counts`: a smooth stand-in for `fix()` in models that
 /// must be differentiated, inverse to [`centre_of_count`] away from zero.
-#[inline]
+#[inline(always)]
 pub fn mean_count<S: Scalar>(position_counts: S) -> S {
-    position_counts - position_counts.clamp_abs(S::from_f64(0.5))
+    position_counts - position_counts.clamp_abs(position_counts.constant(0.5))
 }

@@ -11,7 +11,7 @@
 //! A single-axis machine is the first joint of an arm whose second joint is decoupled and never driven
 //! ([`Plant::single_axis`]).
 
-use crate::arm::{Arm, Inertia, Pose};
+use crate::arm::{Arm, Pose};
 use crate::drive::Drive;
 use crate::scalar::Scalar;
 
@@ -27,7 +27,7 @@ pub struct State<S> {
 impl<S: Scalar> State<S> {
     /// At rest at `position_rad`.
     pub fn at_rest(position_rad: [S; 2]) -> Self {
-        Self { position_rad, velocity_rad_s: [S::zero(); 2] }
+        Self { position_rad, velocity_rad_s: [position_rad[0].constant(0.0); 2] }
     }
 }
 
@@ -54,19 +54,20 @@ impl<S: Scalar> Plant<S> {
     /// A single axis of inertia (or mass) `inertia`, without gravity: joint 0 of an arm whose joint 1 has unit
     /// inertia, no coupling, no drive and hence no motion.
     pub fn single_axis(inertia: S, drive: Drive<S>) -> Self {
-        let mut f = [S::zero(); crate::arm::PARAMETERS];
-        f[0] = S::one();
+        let [zero, one] = [0.0, 1.0].map(|value| inertia.constant(value));
+        let mut f = [zero; crate::arm::PARAMETERS];
+        f[0] = one;
         f[6] = inertia;
         let idle = Drive {
-            gear_ratio: S::one(),
-            counts_per_rev: S::one(),
-            torque_constant_nm_per_a: S::zero(),
-            current_limit_a: S::zero(),
-            viscous_friction_nm_s_per_rad: S::zero(),
-            coulomb_friction_nm: S::zero(),
-            torque_offset_nm: S::zero(),
+            gear_ratio: one,
+            counts_per_rev: one,
+            torque_constant_nm_per_a: zero,
+            current_limit_a: zero,
+            viscous_friction_nm_s_per_rad: zero,
+            coulomb_friction_nm: zero,
+            torque_offset_nm: zero,
         };
-        Self { arm: Arm { f, gravity_m_s2: S::zero() }, drives: [drive, idle] }
+        Self { arm: Arm { f, gravity_m_s2: zero }, drives: [drive, idle] }
     }
 
     /// Computes once what every step needs.
@@ -77,7 +78,7 @@ impl<S: Scalar> Plant<S> {
             gear_ratio: of(|d| d.gear_ratio),
             joint_viscous: of(|d| d.gear_ratio * d.gear_ratio * d.viscous_friction_nm_s_per_rad),
             joint_coulomb: of(|d| d.gear_ratio.abs() * d.coulomb_friction_nm),
-            inverse_d22: S::one() / self.arm.f[0],
+            inverse_d22: self.arm.f[0].constant(1.0) / self.arm.f[0],
         }
     }
 }
@@ -88,38 +89,43 @@ impl<S: Scalar> PreparedPlant<S> {
     /// Two fixed-point passes: the first predicts the midpoint with the old velocity, the second with the mean of
     /// the old and the predicted one. Second order away from reversals; a reversal within the step is placed at its
     /// end.
-    #[inline]
+    #[inline(always)]
     pub fn step(&self, state: &State<S>, motor_torque_nm: [S; 2], period_s: S) -> State<S> {
-        let half = period_s * S::from_f64(0.5);
-        let mean = |a: S, b: S| (a + b) * S::from_f64(0.5);
+        let half = period_s * period_s.constant(0.5);
         let [q2, q3] = state.position_rad;
         let old = state.velocity_rad_s;
-        let mut middle = old;
-        let mut new = old;
-        for _ in 0..2 {
-            let pose = Pose::at([q2 + half * middle[0], q3 + half * middle[1]]);
-            new = self.velocity_after(&pose, middle, old, motor_torque_nm, period_s);
-            middle = [mean(old[0], new[0]), mean(old[1], new[1])];
+        let drive_torque_nm = self.drive_torque_nm(motor_torque_nm);
+        let pose = Pose::at([half.mul_add(old[0], q2), half.mul_add(old[1], q3)]);
+        let predicted = self.velocity_after(&pose, old, old, drive_torque_nm, period_s);
+        // Half of what the velocity is predicted to change by.
+        let one_half = period_s.constant(0.5);
+        let shift = [(predicted[0] - old[0]) * one_half, (predicted[1] - old[1]) * one_half];
+        let pose = pose.turned([half * shift[0], half * shift[1]]);
+        let middle = [old[0] + shift[0], old[1] + shift[1]];
+        let new = self.velocity_after(&pose, middle, old, drive_torque_nm, period_s);
+        State {
+            position_rad: [half.mul_add(old[0] + new[0], q2), half.mul_add(old[1] + new[1], q3)],
+            velocity_rad_s: new,
         }
-        State { position_rad: [q2 + period_s * middle[0], q3 + period_s * middle[1]], velocity_rad_s: new }
     }
 
     /// One step of `period_s` by symplectic Euler: velocity from the forces at the old position, position from the
     /// new velocity. First order; with position feedback evaluated at the old position it neither damps nor drives
     /// the loop's oscillation.
-    #[inline]
+    #[inline(always)]
     pub fn step_symplectic(&self, state: &State<S>, motor_torque_nm: [S; 2], period_s: S) -> State<S> {
         let [q2, q3] = state.position_rad;
         let old = state.velocity_rad_s;
-        let new = self.velocity_after(&Pose::at([q2, q3]), old, old, motor_torque_nm, period_s);
-        State { position_rad: [q2 + period_s * new[0], q3 + period_s * new[1]], velocity_rad_s: new }
+        let drive_torque_nm = self.drive_torque_nm(motor_torque_nm);
+        let new = self.velocity_after(&Pose::at([q2, q3]), old, old, drive_torque_nm, period_s);
+        State { position_rad: [period_s.mul_add(new[0], q2), period_s.mul_add(new[1], q3)], velocity_rad_s: new }
     }
 
     /// The first step of a run of [`Self::step_symplectic`]. Those read the velocity as that of half a step before
     /// the position; a state given at one instant needs half an impulse only, or the loop starts by swinging.
-    #[inline]
+    #[inline(always)]
     pub fn start_symplectic(&self, state: &State<S>, motor_torque_nm: [S; 2], period_s: S) -> State<S> {
-        let half = period_s * S::from_f64(0.5);
+        let half = period_s * period_s.constant(0.5);
         let mut next = self.step_symplectic(state, motor_torque_nm, half);
         for joint in 0..2 {
             next.position_rad[joint] += half * next.velocity_rad_s[joint];
@@ -127,51 +133,64 @@ impl<S: Scalar> PreparedPlant<S> {
         next
     }
 
+    /// What the motors exert at the joints, friction apart.
+    #[inline(always)]
+    fn drive_torque_nm(&self, motor_torque_nm: [S; 2]) -> [S; 2] {
+        [self.gear_ratio[0] * motor_torque_nm[0], self.gear_ratio[1] * motor_torque_nm[1]]
+    }
+
     /// The velocity after `period_s`: smooth forces at `pose` and `force_velocity`, then Coulomb friction.
-    #[inline]
+    #[inline(always)]
     fn velocity_after(
         &self,
         pose: &Pose<S>,
         force_velocity: [S; 2],
         old_velocity: [S; 2],
-        motor_torque_nm: [S; 2],
+        drive_torque_nm: [S; 2],
         period_s: S,
     ) -> [S; 2] {
         let inertia = self.arm.inertia(pose);
         let h = self.arm.velocity_torque_nm(pose, force_velocity);
         let g = self.arm.gravity_torque_nm(pose);
-        let smooth = |joint: usize| {
-            self.gear_ratio[joint] * motor_torque_nm[joint]
-                - self.joint_viscous[joint] * force_velocity[joint]
-                - h[joint]
-                - g[joint]
-        };
-        // One division serves the inverse of D and the friction's 1/D11.
-        let determinant = inertia.d11 * inertia.d22 - inertia.d12 * inertia.d12;
-        let both = S::one() / (determinant * inertia.d11);
-        let reciprocal = both * inertia.d11;
-        let inverse =
-            Inertia { d11: inertia.d22 * reciprocal, d12: -inertia.d12 * reciprocal, d22: inertia.d11 * reciprocal };
-        let change = inverse.times([period_s * smooth(0), period_s * smooth(1)]);
-        let free = [old_velocity[0] + change[0], old_velocity[1] + change[1]];
+        let [old2, old3] = old_velocity;
+        let [push2, push3] = [
+            period_s * self.smooth_torque_nm(0, force_velocity, drive_torque_nm, h, g),
+            period_s * self.smooth_torque_nm(1, force_velocity, drive_torque_nm, h, g),
+        ];
         let bound = [period_s * self.joint_coulomb[0], period_s * self.joint_coulomb[1]];
 
-        // Coulomb friction finds impulses λ with |λ_i| ≤ bound_i such that v = free + D⁻¹λ has λ_i opposing v_i at its
-        // bound where v_i ≠ 0, and v_i zero where λ_i is inside: the minimiser of the convex ½ λᵀD⁻¹λ + freeᵀλ over
-        // the box. Minimising over one variable leaves a convex function of the other, so clamping in turn is exact
-        // and needs no iteration: λ0 of the unconstrained minimum −D·free is clamped, λ1 follows and is clamped, then
-        // λ0 follows from that λ1.
-        let first = (-(inertia.d11 * free[0] + inertia.d12 * free[1])).clamp_abs(bound[0]);
-        let per_velocity1 = determinant * determinant * both;
-        let impulse1 = (-(free[1] + inverse.d12 * first) * per_velocity1).clamp_abs(bound[1]);
-        let per_velocity0 = determinant * self.inverse_d22;
-        let impulse0 = (-(free[0] + inverse.d12 * impulse1) * per_velocity0).clamp_abs(bound[0]);
-        let moved = inverse.times([impulse0, impulse1]);
+        // Coulomb friction finds impulses λ with |λ_i| ≤ bound_i such that v = D⁻¹(m + λ), m = D v_old + push the
+        // momentum without it, has λ_i opposing v_i at its bound where v_i ≠ 0, and v_i zero where λ_i is inside: the
+        // minimiser of the convex ½ (m + λ)ᵀD⁻¹(m + λ) over the box. Minimising over one variable leaves a convex
+        // function of the other, so clamping in turn is exact and needs no iteration: λ2 of the unconstrained minimum,
+        // −m2, is clamped, λ3 follows and is clamped, then λ2 follows from that λ3.
+        let m2 = inertia.d11.mul_add(old2, inertia.d12.mul_add(old3, push2));
+        let m3 = inertia.d12.mul_add(old2, inertia.d22.mul_add(old3, push3));
+        let determinant = inertia.d11.mul_add(inertia.d22, -(inertia.d12 * inertia.d12));
+        // One division serves the inverse of D and 1/D11.
+        let both = period_s.constant(1.0) / (determinant * inertia.d11);
+        let [inverse_d11, inverse_determinant] = [both * determinant, both * inertia.d11];
+        let left2 = m2 - m2.clamp_abs(bound[0]);
+        let impulse3 = (inertia.d12 * inverse_d11).mul_add(left2, -m3).clamp_abs(bound[1]);
+        let impulse2 = (inertia.d12 * self.inverse_d22).mul_add(m3 + impulse3, -m2).clamp_abs(bound[0]);
+        let [total2, total3] = [push2 + impulse2, push3 + impulse3];
+        let free2 = inverse_determinant.mul_add(inertia.d22.mul_add(total2, -(inertia.d12 * total3)), old2);
+        let free3 = inverse_determinant.mul_add(inertia.d11.mul_add(total3, -(inertia.d12 * total2)), old3);
         // A joint whose bound is zero has |λ| = bound and so never sticks.
-        let velocity = |joint: usize, impulse: S| {
-            let sticks = impulse.abs().less(bound[joint]);
-            S::select(sticks, S::zero(), free[joint] + moved[joint])
-        };
-        [velocity(0, impulse0), velocity(1, impulse1)]
+        let zero = period_s.constant(0.0);
+        [S::select(impulse2.abs().less(bound[0]), zero, free2), S::select(impulse3.abs().less(bound[1]), zero, free3)]
+    }
+
+    #[inline(always)]
+    fn smooth_torque_nm(
+        &self,
+        joint: usize,
+        velocity_rad_s: [S; 2],
+        drive_torque_nm: [S; 2],
+        velocity_torque_nm: [S; 2],
+        gravity_torque_nm: [S; 2],
+    ) -> S {
+        let undamped = drive_torque_nm[joint] - velocity_torque_nm[joint] - gravity_torque_nm[joint];
+        (-self.joint_viscous[joint]).mul_add(velocity_rad_s[joint], undamped)
     }
 }

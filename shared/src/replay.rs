@@ -41,47 +41,56 @@ struct Model<S> {
     substeps: u32,
     substep_s: S,
     /// For how many substeps, fractions included, the command of the tick before still acts.
-    late_substeps: S,
+    late_substeps: f64,
 }
 
 impl<S: Scalar> Model<S> {
     fn new(plant: &Plant<S>, settings: &ReplaySettings) -> Self {
         let substeps = settings.substeps.max(1);
         let substep_s = settings.timing.record_period_s / f64::from(substeps);
+        let number = |value| plant.arm.gravity_m_s2.constant(value);
         Self {
             plant: plant.prepare(),
             drives: plant.drives,
             counts_per_rad: [plant.drives[0].counts_per_rad(), plant.drives[1].counts_per_rad()],
             quantised: settings.quantised,
             substeps,
-            substep_s: S::from_f64(substep_s),
-            late_substeps: S::from_f64(settings.timing.command_delay_s / substep_s),
+            substep_s: number(substep_s),
+            late_substeps: settings.timing.command_delay_s / substep_s,
         }
     }
 
+    #[inline(always)]
     fn motor_torque_nm(&self, command_a: [S; 2]) -> [S; 2] {
         [self.drives[0].motor_torque_nm(command_a[0]), self.drives[1].motor_torque_nm(command_a[1])]
     }
 
     /// What the encoders show on average.
+    #[inline(always)]
     fn counts(&self, state: &State<S>) -> [S; 2] {
-        let count = |joint: usize| {
-            let exact = state.position_rad[joint] * self.counts_per_rad[joint];
-            if self.quantised { mean_count(exact) } else { exact }
-        };
-        [count(0), count(1)]
+        [self.count(state, 0), self.count(state, 1)]
+    }
+
+    #[inline(always)]
+    fn count(&self, state: &State<S>, joint: usize) -> S {
+        let exact = state.position_rad[joint] * self.counts_per_rad[joint];
+        if self.quantised { mean_count(exact) } else { exact }
     }
 
     /// One record period under a held torque that takes over from `previous` after the command delay. Torques of the
     /// two within one substep are averaged: the velocity is then exact and the position off by under 0.001 count.
+    #[inline(always)]
     fn advance_held(&self, state: &State<S>, previous: [S; 2], torque: [S; 2], added: [S; 2]) -> State<S> {
         let mut next = *state;
         let mut late = self.late_substeps;
         for _ in 0..self.substeps {
-            let share = late.minimum(S::one()).maximum(S::zero());
-            let mix = |joint: usize| torque[joint] + share * (previous[joint] - torque[joint]) + added[joint];
-            next = self.plant.step(&next, [mix(0), mix(1)], self.substep_s);
-            late -= S::one();
+            let share = self.substep_s.constant(late.clamp(0.0, 1.0));
+            let mixed = [
+                share.mul_add(previous[0] - torque[0], torque[0] + added[0]),
+                share.mul_add(previous[1] - torque[1], torque[1] + added[1]),
+            ];
+            next = self.plant.step(&next, mixed, self.substep_s);
+            late -= 1.0;
         }
         next
     }
@@ -123,16 +132,17 @@ impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
     /// Starts at `start`. The laws must be fresh: they remember the tick before.
     pub fn new(plant: &Plant<S>, mut laws: [L; 2], settings: &ReplaySettings, start: State<S>) -> Self {
         let timing = &settings.timing;
+        let number = |value| plant.arm.gravity_m_s2.constant(value);
         let fast = timing.loop_is_faster_than_recording().then(|| {
-            let delay_s = S::from_f64(0.5 * timing.loop_period_s + timing.command_delay_s);
-            let mut late = |joint: usize| delay_s - laws[joint].take_lead() * S::from_f64(timing.loop_period_s);
-            FastLoop { delay_s: [late(0), late(1)], record_period_s: S::from_f64(timing.record_period_s) }
+            let delay_s = number(0.5 * timing.loop_period_s + timing.command_delay_s);
+            let mut late = |joint: usize| delay_s - laws[joint].take_lead() * number(timing.loop_period_s);
+            FastLoop { delay_s: [late(0), late(1)], record_period_s: number(timing.record_period_s) }
         });
         Self {
             model: Model::new(plant, settings),
             laws,
             state: start,
-            previous_torque: [S::zero(); 2],
+            previous_torque: [number(0.0); 2],
             fast,
             previous_reference: None,
         }
@@ -140,6 +150,7 @@ impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
 
     /// One record period: the error and command at its start, then the motion to the next. `added_torque_nm` is a
     /// known motor torque beside the controller's, usually zero.
+    #[inline(always)]
     pub fn tick(&mut self, reference_counts: [S; 2], added_torque_nm: [S; 2]) -> ClosedLoopTick<S> {
         let actual = self.model.counts(&self.state);
         let error = [reference_counts[0] - actual[0], reference_counts[1] - actual[1]];
@@ -161,6 +172,7 @@ impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
         ClosedLoopTick { error_counts: error, command_a: command }
     }
 
+    #[inline(always)]
     fn command_a(&mut self, reference_counts: [S; 2], actual_counts: [S; 2]) -> [S; 2] {
         [
             self.laws[0].command_a(reference_counts[0], actual_counts[0]),
@@ -169,6 +181,7 @@ impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
     }
 
     /// One record period of a loop that runs faster than the recording; gives the command at its start.
+    #[inline(always)]
     fn advance_fast(&mut self, fast: &FastLoop<S>, reference_counts: [S; 2], added_torque_nm: [S; 2]) -> [S; 2] {
         let substep_s = self.model.substep_s;
         let before = self.previous_reference.unwrap_or(reference_counts);
@@ -197,7 +210,7 @@ impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
                 reference[joint] += reference_rate[joint] * substep_s;
             }
         }
-        first_command.unwrap_or([S::zero(); 2])
+        first_command.unwrap_or([substep_s.constant(0.0); 2])
     }
 
     /// Moves the model's state toward a measurement by the innovation, as [`Innovations`] does: for recordings of a
@@ -234,16 +247,18 @@ pub struct RecordedSample<S> {
 impl<S: Scalar, L: PositionLaw<S>> Innovations<S, L> {
     /// Starts at `start`. `laws` are used only where the loop is faster than the recording.
     pub fn new(plant: &Plant<S>, laws: [L; 2], settings: &ReplaySettings, start: State<S>) -> Self {
+        let number = |value| plant.arm.gravity_m_s2.constant(value);
         let omega = core::f64::consts::TAU * CORRECTION_HZ;
         let period_s = settings.timing.record_period_s;
         Self {
             closed: ClosedLoop::new(plant, laws, settings, start),
-            position_gain: S::from_f64(2.0 * CORRECTION_DAMPING * omega * period_s),
-            velocity_gain: S::from_f64(omega * omega * period_s),
+            position_gain: number(2.0 * CORRECTION_DAMPING * omega * period_s),
+            velocity_gain: number(omega * omega * period_s),
         }
     }
 
     /// The innovation in counts at this sample, measured minus modelled; then the motion to the next.
+    #[inline(always)]
     pub fn tick(&mut self, sample: &RecordedSample<S>) -> [S; 2] {
         let counts_per_rad = self.closed.model.counts_per_rad;
         let innovation = |joint: usize| {

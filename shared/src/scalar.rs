@@ -31,8 +31,8 @@ impl Mask for bool {
 
 /// A real number, or several side by side.
 ///
-/// Operations are those of IEEE 754 in the type's own precision; no operation panics, and results are the same to the
-/// bit on every machine.
+/// Operations are those of IEEE 754 in the type's own precision, but for [`Scalar::mul_add`]; no operation panics, and
+/// results are the same to the bit on every machine.
 pub trait Scalar:
     Copy
     + Debug
@@ -47,12 +47,22 @@ pub trait Scalar:
     /// What a comparison gives.
     type Mask: Mask;
 
-    /// The nearest representable number, the same in every lane.
-    fn from_f64(value: f64) -> Self;
+    /// The representable number nearest to `value`, in every lane. A method, because lanes can be made from others
+    /// only: those prove that the machine has the instructions.
+    fn constant(self, value: f64) -> Self;
+    /// `self · factor + addend`, rounded once where that is one instruction, else twice.
+    #[inline(always)]
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        self * factor + addend
+    }
     /// The nearest integer of a number below 2²² in magnitude.
     fn round_small(self) -> Self;
     /// π/2 in three parts, of which the first two times an integer below 2¹⁰ are exact.
     const HALF_PI: [f64; 3];
+    /// Coefficients of (sin x − x)/x³ in x² for |x| ≤ π/4, lowest power first: minimax to the type's precision.
+    const SINE: &'static [f64];
+    /// Coefficients of (cos x − 1 + x²/2)/x⁴ in x² for |x| ≤ π/4, lowest power first: minimax to the type's precision.
+    const COSINE: &'static [f64];
     /// Square root; NaN below zero.
     fn sqrt(self) -> Self;
     /// Absolute value.
@@ -65,63 +75,66 @@ pub trait Scalar:
     /// `if_true` where the mask is true, else `if_false`.
     fn select(mask: Self::Mask, if_true: Self, if_false: Self) -> Self;
 
-    /// Sine and cosine of an angle in radians, up to a thousand turns; within 1.5e-7 in `f32` and 5e-16 in `f64`.
+    /// Sine and cosine of an angle in radians, up to a thousand turns; within 1e-6 in `f32` and 2e-15 in `f64`.
     ///
-    /// Without a branch, so that lanes need none, and in the type's own precision: `libm`'s `sincosf` computes in
-    /// `f64`, which the board has to emulate. The angle is reduced to ±π/4 by Cody and Waite's method.
-    #[inline]
+    /// Without a branch or a selection, and in the type's own precision: `libm`'s `sincosf` computes in `f64`, which
+    /// the board has to emulate. A quarter of the angle is reduced to ±π/4 by Cody and Waite's method; doubling twice
+    /// brings back the whole one, and makes full turns of the quarter turns that were taken off.
+    #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let number = Self::from_f64;
-        let quarters = (self * number(core::f64::consts::FRAC_2_PI)).round_small();
-        let [high, middle, low] = Self::HALF_PI;
-        let angle = self - quarters * number(high) - quarters * number(middle) - quarters * number(low);
-        let (sine, cosine) = angle.sin_cos_within_eighth();
-        // The quadrant 0..=3 and its two bits, each by rounding: what is rounded is never halfway.
-        let quadrant = quarters - number(4.0) * (quarters * number(0.25) - number(0.375)).round_small();
-        let half_turn = (quadrant * number(0.5) - number(0.25)).round_small();
-        let odd = quadrant - half_turn - half_turn;
-        let swap = number(0.5).less(odd);
-        let sign = Self::one() - half_turn - half_turn;
-        let sign_of_cosine = sign * (Self::one() - odd - odd);
-        (sign * Self::select(swap, cosine, sine), sign_of_cosine * Self::select(swap, sine, cosine))
+        let quarter = self * self.constant(0.25);
+        let turns = (quarter * self.constant(core::f64::consts::FRAC_2_PI)).round_small();
+        let [high, middle, low] = Self::HALF_PI.map(|part| self.constant(-part));
+        let (mut sine, mut cosine) =
+            turns.mul_add(low, turns.mul_add(middle, turns.mul_add(high, quarter))).sin_cos_within_eighth();
+        for _ in 0..2 {
+            let double = sine + sine;
+            (sine, cosine) = (double * cosine, (-double).mul_add(sine, self.constant(1.0)));
+        }
+        (sine, cosine)
     }
 
-    /// Sine and cosine of an angle within ±π/4: Taylor polynomials, cut where the next term is below 3e-18.
-    #[inline]
+    /// Sine and cosine of an angle within ±π/4.
+    #[inline(always)]
     fn sin_cos_within_eighth(self) -> (Self, Self) {
-        /// −1/3!, 1/5!, … of the sine's series, highest power first.
-        const SINE: [f64; 8] = [
-            1.0 / 355_687_428_096_000.0,
-            -1.0 / 1_307_674_368_000.0,
-            1.0 / 6_227_020_800.0,
-            -1.0 / 39_916_800.0,
-            1.0 / 362_880.0,
-            -1.0 / 5_040.0,
-            1.0 / 120.0,
-            -1.0 / 6.0,
-        ];
-        /// −1/2!, 1/4!, … of the cosine's series, highest power first.
-        const COSINE: [f64; 8] = [
-            1.0 / 20_922_789_888_000.0,
-            -1.0 / 87_178_291_200.0,
-            1.0 / 479_001_600.0,
-            -1.0 / 3_628_800.0,
-            1.0 / 40_320.0,
-            -1.0 / 720.0,
-            1.0 / 24.0,
-            -1.0 / 2.0,
-        ];
         let square = self * self;
-        let series = |coefficients: [f64; 8]| {
-            let mut sum = Self::from_f64(coefficients[0]);
-            for coefficient in &coefficients[1..] {
-                sum = sum * square + Self::from_f64(*coefficient);
-            }
-            sum * square
+        let series = |coefficients: &[f64]| {
+            let mut highest_first = coefficients.iter().rev().map(|&coefficient| self.constant(coefficient));
+            let first = highest_first.next().unwrap_or(self);
+            highest_first.fold(first, |sum, coefficient| sum.mul_add(square, coefficient))
         };
-        (self + self * series(SINE), Self::one() + series(COSINE))
+        let sine = (square * self).mul_add(series(Self::SINE), self);
+        let parabola = square.mul_add(self.constant(-0.5), self.constant(1.0));
+        (sine, (square * square).mul_add(series(Self::COSINE), parabola))
     }
 
+    /// The lesser of two numbers; NaN where `self` is NaN.
+    #[inline(always)]
+    fn minimum(self, other: Self) -> Self {
+        Self::select(other.less(self), other, self)
+    }
+    /// The greater of two numbers; NaN where `self` is NaN.
+    #[inline(always)]
+    fn maximum(self, other: Self) -> Self {
+        Self::select(self.less(other), other, self)
+    }
+    /// The nearest number in `-bound ..= bound`; `bound` must not be negative. NaN stays NaN, so that a command gone
+    /// wrong is noticed instead of becoming a full one.
+    #[inline(always)]
+    fn clamp_abs(self, bound: Self) -> Self {
+        self.maximum(-bound).minimum(bound)
+    }
+    /// `magnitude` with the sign of `self`; `-magnitude` only where `self < 0`.
+    #[inline(always)]
+    fn signed(self, magnitude: Self) -> Self {
+        Self::select(self.less(self.constant(0.0)), -magnitude, magnitude)
+    }
+}
+
+/// A [`Scalar`] that can be made from a value alone: any but lanes.
+pub trait Number: Scalar {
+    /// The nearest representable number.
+    fn from_f64(value: f64) -> Self;
     /// Zero.
     fn zero() -> Self {
         Self::from_f64(0.0)
@@ -130,37 +143,29 @@ pub trait Scalar:
     fn one() -> Self {
         Self::from_f64(1.0)
     }
-    /// The lesser of two numbers; NaN where `self` is NaN.
-    fn minimum(self, other: Self) -> Self {
-        Self::select(other.less(self), other, self)
-    }
-    /// The greater of two numbers; NaN where `self` is NaN.
-    fn maximum(self, other: Self) -> Self {
-        Self::select(self.less(other), other, self)
-    }
-    /// The nearest number in `-bound ..= bound`; `bound` must not be negative. NaN stays NaN, so that a command gone
-    /// wrong is noticed instead of becoming a full one.
-    fn clamp_abs(self, bound: Self) -> Self {
-        self.maximum(-bound).minimum(bound)
-    }
-    /// `magnitude` with the sign of `self`; `-magnitude` only where `self < 0`.
-    fn signed(self, magnitude: Self) -> Self {
-        Self::select(self.less(Self::zero()), -magnitude, magnitude)
-    }
 }
 
 macro_rules! plain_number {
-    ($number:ty, $sqrt:path, $trunc:path, $round_by:expr, $half_pi:expr) => {
-        impl Scalar for $number {
-            type Mask = bool;
-            const HALF_PI: [f64; 3] = $half_pi;
-
-            #[inline]
+    ($number:ty, $sqrt:path, $trunc:path, $round_by:expr, $half_pi:expr, $sine:expr, $cosine:expr) => {
+        impl Number for $number {
+            #[inline(always)]
             fn from_f64(value: f64) -> Self {
                 value as $number
             }
+        }
+
+        impl Scalar for $number {
+            type Mask = bool;
+            const HALF_PI: [f64; 3] = $half_pi;
+            const SINE: &'static [f64] = &$sine;
+            const COSINE: &'static [f64] = &$cosine;
+
+            #[inline(always)]
+            fn constant(self, value: f64) -> Self {
+                value as $number
+            }
             // Adding and subtracting 1.5 times the power of two whose last bit is one leaves the nearest integer.
-            #[inline]
+            #[inline(always)]
             fn round_small(self) -> Self {
                 (self + $round_by) - $round_by
             }
@@ -168,7 +173,7 @@ macro_rules! plain_number {
             fn sqrt(self) -> Self {
                 $sqrt(self)
             }
-            #[inline]
+            #[inline(always)]
             fn abs(self) -> Self {
                 <$number>::abs(self)
             }
@@ -176,11 +181,11 @@ macro_rules! plain_number {
             fn fix(self) -> Self {
                 $trunc(self)
             }
-            #[inline]
+            #[inline(always)]
             fn less(self, other: Self) -> bool {
                 self < other
             }
-            #[inline]
+            #[inline(always)]
             fn select(mask: bool, if_true: Self, if_false: Self) -> Self {
                 if mask { if_true } else { if_false }
             }
@@ -193,12 +198,29 @@ plain_number!(
     libm::sqrtf,
     libm::truncf,
     12_582_912.0,
-    [1.570_312_5, 4.837_512_969_970_703e-4, 7.549_789_954_891_882e-8]
+    [1.570_312_5, 4.837_512_969_970_703e-4, 7.549_789_954_891_882e-8],
+    [-0.166_666_549_401_994_9, 0.008_332_177_916_358_392, -0.000_195_172_668_409_034_14],
+    [0.041_666_646_860_525_5, -0.001_388_736_721_294_005_2, 0.000_024_438_415_537_795_277]
 );
 plain_number!(
     f64,
     libm::sqrt,
     libm::trunc,
     6_755_399_441_055_744.0,
-    [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2.022_266_248_795_950_6e-21]
+    [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2.022_266_248_795_950_6e-21],
+    [
+        -0.166_666_666_666_666_32,
+        0.008_333_333_333_322_419,
+        -0.000_198_412_698_298_123_94,
+        2.755_731_369_357_710_4e-6,
+        -2.505_075_838_497_588_8e-8,
+        1.589_681_182_907_706_7e-10,
+    ],
+    [
+        0.041_666_666_666_602_225,
+        -0.001_388_888_887_827_015_3,
+        0.000_024_801_580_969_800_72,
+        -2.755_556_678_578_943_8e-7,
+        2.064_771_533_448_216_7e-9,
+    ]
 );

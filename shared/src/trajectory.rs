@@ -42,7 +42,7 @@ pub use points::{MAX_POINTS, Points};
 pub use refusal::{LimitError, Part};
 
 use crate::control::JointReference;
-use crate::scalar::Scalar;
+use crate::scalar::Number;
 use serde::{Deserialize, Serialize};
 
 /// A movement of both joints, in joint radians.
@@ -77,7 +77,7 @@ impl Trajectory {
     ///
     /// The velocity and acceleration are the derivatives of the position. The acceleration may step at the start and
     /// at the end (the paper's movement does); position and velocity do not step where [`check`] is satisfied.
-    pub fn reference<S: Scalar>(&self, time_ns: u64) -> JointReference<S> {
+    pub fn reference<S: Number>(&self, time_ns: u64) -> JointReference<S> {
         let duration_ns = self.duration_ns();
         if time_ns < duration_ns {
             return self.moving(time_ns);
@@ -103,7 +103,7 @@ impl Trajectory {
 
     /// The movement itself, for `time_ns` from zero to the duration, both included: at the end it still has the
     /// velocity and acceleration it arrives with.
-    fn moving<S: Scalar>(&self, time_ns: u64) -> JointReference<S> {
+    fn moving<S: Number>(&self, time_ns: u64) -> JointReference<S> {
         match self {
             Self::Paper(paper) => paper.moving(time_ns),
             Self::Fourier(fourier) => fourier.moving(time_ns),
@@ -113,7 +113,7 @@ impl Trajectory {
 }
 
 /// Standing still at `position_rad`.
-fn at_rest<S: Scalar>(position_rad: [S; 2]) -> JointReference<S> {
+fn at_rest<S: Number>(position_rad: [S; 2]) -> JointReference<S> {
     JointReference { position_rad, velocity_rad_s: [S::zero(); 2], acceleration_rad_s2: [S::zero(); 2] }
 }
 

@@ -8,7 +8,7 @@
 
 use crate::arm::{Arm, Pose};
 use crate::drive::{Drive, centre_of_count};
-use crate::scalar::Scalar;
+use crate::scalar::Number;
 
 /// Bandwidths of the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +23,7 @@ pub struct ComputedTorqueSettings<S> {
     pub friction_switch_motor_rad_s: S,
 }
 
-impl<S: Scalar> ComputedTorqueSettings<S> {
+impl<S: Number> ComputedTorqueSettings<S> {
     /// ω = 150 rad/s, ζ = 1, observer 400 rad/s, friction switching within 0.5 rad/s at the motor: reaches
     /// 0.52/0.42 counts with an exact model at 0.7 ms (design §4).
     pub fn at_record_period() -> Self {
@@ -80,7 +80,7 @@ pub struct ComputedTorque<S> {
     velocity_rad_s: [S; 2],
 }
 
-impl<S: Scalar> ComputedTorque<S> {
+impl<S: Number> ComputedTorque<S> {
     /// A controller for `arm` and `drives` called every `period_s`, starting at rest at `position_rad`.
     ///
     /// The observer's poles both lie at 1/(1 + ω_o period): a first-order stand-in for exp(−ω_o period), at the same

@@ -85,6 +85,7 @@ impl<S> LawState<S> {
 }
 
 impl<S: Scalar> PositionLaw<S> for LawState<S> {
+    #[inline(always)]
     fn command_a(&mut self, reference_counts: S, actual_counts: S) -> S {
         let error = reference_counts - actual_counts;
         let past = self.memory.unwrap_or(Memory { error, actual: actual_counts, actual_before: actual_counts });
@@ -93,7 +94,7 @@ impl<S: Scalar> PositionLaw<S> for LawState<S> {
             Law::Proportional(position_loop) => position_loop.command_a(error, past.error),
             Law::Cascade(cascade) => {
                 // The difference of two two-tick means is half the travel over two ticks.
-                let travel = (actual_counts - past.actual_before) * S::from_f64(0.5);
+                let travel = (actual_counts - past.actual_before) * error.constant(0.5);
                 cascade.velocity_gain / cascade.counts_per_unit
                     * (cascade.position_gain_per_s * error - travel / cascade.period_s)
             }
@@ -102,8 +103,11 @@ impl<S: Scalar> PositionLaw<S> for LawState<S> {
 
     fn take_lead(&mut self) -> S {
         match &mut self.law {
-            Law::Proportional(position_loop) => core::mem::replace(&mut position_loop.lead, S::zero()),
-            Law::Cascade(_) => S::zero(),
+            Law::Proportional(position_loop) => {
+                let none = position_loop.lead.constant(0.0);
+                core::mem::replace(&mut position_loop.lead, none)
+            }
+            Law::Cascade(cascade) => cascade.period_s.constant(0.0),
         }
     }
 }

@@ -13,9 +13,9 @@ pub struct PositionLoop<S> {
 
 impl<S: Scalar> PositionLoop<S> {
     /// The commanded current in A, before the amplifier's limit.
-    #[inline]
+    #[inline(always)]
     pub fn command_a(&self, error_counts: S, previous_error_counts: S) -> S {
-        self.gain_a_per_count * (error_counts + self.lead * (error_counts - previous_error_counts))
+        self.gain_a_per_count * self.lead.mul_add(error_counts - previous_error_counts, error_counts)
     }
 }
 

@@ -3,7 +3,7 @@
 use super::phase::{STEP_PEAKS, phase, seconds, smooth_step, unit};
 use super::{LONGEST_MOVEMENT_NS, LimitError, MotionLimits, Part, Quantity};
 use crate::control::JointReference;
-use crate::scalar::Scalar;
+use crate::scalar::Number;
 
 /// A movement from one pose to another, from rest to rest, both joints starting and ending together.
 ///
@@ -71,7 +71,7 @@ impl Approach {
 
     /// Position, velocity and acceleration `time_ns` after the start. At and after the end: exactly the end pose, at
     /// rest.
-    pub fn reference<S: Scalar>(&self, time_ns: u64) -> JointReference<S> {
+    pub fn reference<S: Number>(&self, time_ns: u64) -> JointReference<S> {
         let number = |value: f32| S::from_f64(f64::from(value));
         if time_ns >= self.duration_ns {
             return super::at_rest(self.to_rad.map(number));

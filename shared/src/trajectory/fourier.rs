@@ -3,7 +3,7 @@
 use super::phase::{STEP_PEAKS, phase, seconds, sin_cos_of_phase, smooth_step, unit};
 use super::{DerivativeBounds, LimitError, Part};
 use crate::control::JointReference;
-use crate::scalar::Scalar;
+use crate::scalar::Number;
 use core::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 
@@ -44,7 +44,7 @@ impl Fourier {
         self.period_ns.saturating_mul(u64::from(self.repeats))
     }
 
-    pub(super) fn moving<S: Scalar>(&self, time_ns: u64) -> JointReference<S> {
+    pub(super) fn moving<S: Number>(&self, time_ns: u64) -> JointReference<S> {
         let number = |value: f32| S::from_f64(f64::from(value));
         let centre = self.centre_rad.map(number);
         if self.duration_ns() == 0 {
@@ -82,7 +82,7 @@ impl Fourier {
     }
 
     /// The window and its first two derivatives by time in s.
-    fn window<S: Scalar>(&self, time_ns: u64) -> [S; 3] {
+    fn window<S: Number>(&self, time_ns: u64) -> [S; 3] {
         let left_ns = self.duration_ns().saturating_sub(time_ns);
         let nearest_ns = time_ns.min(left_ns);
         if nearest_ns >= self.fade_ns {

@@ -3,7 +3,7 @@
 use super::DerivativeBounds;
 use super::phase::{phase, seconds, sin_cos_of_phase};
 use crate::control::JointReference;
-use crate::scalar::Scalar;
+use crate::scalar::Number;
 use core::f64::consts::{FRAC_PI_4, TAU};
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +20,7 @@ impl Paper {
         self.period_ns
     }
 
-    pub(super) fn moving<S: Scalar>(&self, time_ns: u64) -> JointReference<S> {
+    pub(super) fn moving<S: Number>(&self, time_ns: u64) -> JointReference<S> {
         if self.period_ns == 0 {
             return super::at_rest([S::zero(); 2]);
         }

@@ -1,6 +1,6 @@
 //! Exact phases of periodic terms, and their sine and cosine.
 
-use crate::scalar::Scalar;
+use crate::scalar::Number;
 
 /// How far `time_ns` is into its period, in units of 2⁻³² periods, rounded down; zero if `period_ns` is zero.
 ///
@@ -61,7 +61,7 @@ fn binary_phase(mut remainder: u64, period_ns: u64) -> u32 {
 /// Sine and cosine of `phase` · 2⁻³² turns, within 1.5e-7 in `f32` and 5e-16 in `f64`.
 ///
 /// The angle is reduced to ±π/4 on the integer, where that is exact whatever the phase.
-pub fn sin_cos_of_phase<S: Scalar>(phase: u32) -> (S, S) {
+pub fn sin_cos_of_phase<S: Number>(phase: u32) -> (S, S) {
     const RAD_PER_UNIT: f64 = core::f64::consts::TAU / 4_294_967_296.0;
 
     let quadrant = phase.wrapping_add(1 << 29) >> 30;
@@ -77,19 +77,19 @@ pub fn sin_cos_of_phase<S: Scalar>(phase: u32) -> (S, S) {
 }
 
 /// `fraction` · 2⁻³² as a number, 0 ≤ u < 1 (1 by rounding in `f32`).
-pub(super) fn unit<S: Scalar>(fraction: u32) -> S {
+pub(super) fn unit<S: Number>(fraction: u32) -> S {
     S::from_f64(f64::from(fraction)) * S::from_f64(1.0 / 4_294_967_296.0)
 }
 
 /// A duration in s. In halves of 32 bits, because from those the board's `f32` hardware converts directly.
-pub(super) fn seconds<S: Scalar>(duration_ns: u64) -> S {
+pub(super) fn seconds<S: Number>(duration_ns: u64) -> S {
     let high = S::from_f64(f64::from((duration_ns >> 32) as u32)) * S::from_f64(4_294_967_296.0e-9);
     high + S::from_f64(f64::from(duration_ns as u32)) * S::from_f64(1.0e-9)
 }
 
 /// The minimum-jerk step 10u³ − 15u⁴ + 6u⁵ from 0 to 1 and its first two derivatives by u, all zero or one at both
 /// ends (Flash & Hogan 1985). Its derivatives are at most [`STEP_PEAKS`].
-pub(super) fn smooth_step<S: Scalar>(u: S) -> [S; 3] {
+pub(super) fn smooth_step<S: Number>(u: S) -> [S; 3] {
     let number = S::from_f64;
     let rest = S::one() - u;
     // Near u = 1 the terms are large and nearly cancel, so that half is taken from the other by symmetry.

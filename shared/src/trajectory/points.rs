@@ -3,7 +3,7 @@
 use super::phase::{phase, seconds};
 use super::{DerivativeBounds, LimitError, Part};
 use crate::control::JointReference;
-use crate::scalar::Scalar;
+use crate::scalar::Number;
 use serde::{Deserialize, Serialize};
 
 /// The most points a [`Points`] has.
@@ -76,7 +76,7 @@ impl Points {
         self.interval_ns.saturating_mul(self.points_rad.len().saturating_sub(1) as u64)
     }
 
-    pub(super) fn moving<S: Scalar>(&self, time_ns: u64) -> JointReference<S> {
+    pub(super) fn moving<S: Number>(&self, time_ns: u64) -> JointReference<S> {
         let number = |value: f32| S::from_f64(f64::from(value));
         if self.duration_ns() == 0 {
             return super::at_rest(self.points_rad.first().copied().unwrap_or_default().map(number));
@@ -107,7 +107,7 @@ impl Points {
     }
 
     /// Coefficients of `start + slope u + quadratic u² + cubic u³`, 0 ≤ u ≤ 1 along the segment; rad.
-    fn cubic<S: Scalar>(&self, segment: usize, joint: usize) -> [S; 4] {
+    fn cubic<S: Number>(&self, segment: usize, joint: usize) -> [S; 4] {
         let number = |value: f32| S::from_f64(f64::from(value));
         let start = number(self.points_rad[segment][joint]);
         let rise = number(self.points_rad[segment + 1][joint]) - start;

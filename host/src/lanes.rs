@@ -1,0 +1,175 @@
+//! Many numbers side by side in vector registers, as one of the plant's number types.
+//!
+//! The instructions are chosen when the program runs (AVX-512, AVX2, SSE, NEON or plain code), by
+//! [`fearless_simd::dispatch`]; every lane gets the same result whatever its neighbours hold.
+
+use fearless_simd::{Select, Simd, SimdFloat, SimdMask};
+use shared::scalar::{Mask, Number, Scalar};
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+/// `GROUPS` vectors `V` of the machine `S`. More than one group, because an operation has to wait for the one before
+/// it: the groups' chains of operations run in each other's gaps.
+pub struct Lanes<S: Simd, V: SimdFloat<S>, const GROUPS: usize>([V; GROUPS], PhantomData<S>);
+
+impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> Lanes<S, V, GROUPS> {
+    /// Numbers held.
+    pub const COUNT: usize = V::LEN * GROUPS;
+
+    /// The number that `value` gives for each lane.
+    #[inline(always)]
+    pub fn from_fn(machine: S, mut value: impl FnMut(usize) -> f64) -> Self {
+        let group = |group: usize| V::from_fn(machine, |lane| V::Element::from_f64(value(group * V::LEN + lane)));
+        Self(std::array::from_fn(group), PhantomData)
+    }
+
+    /// The same number in every lane.
+    #[inline(always)]
+    pub fn splat(machine: S, value: f64) -> Self {
+        Self([V::splat(machine, V::Element::from_f64(value)); GROUPS], PhantomData)
+    }
+
+    /// The number in one lane.
+    pub fn get(&self, lane: usize) -> V::Element {
+        self.0[lane / V::LEN][lane % V::LEN]
+    }
+
+    #[inline(always)]
+    fn map(self, operation: impl Fn(V) -> V) -> Self {
+        Self(std::array::from_fn(|group| operation(self.0[group])), PhantomData)
+    }
+
+    #[inline(always)]
+    fn zip(self, other: Self, operation: impl Fn(V, V) -> V) -> Self {
+        Self(std::array::from_fn(|group| operation(self.0[group], other.0[group])), PhantomData)
+    }
+}
+
+impl<S: Simd, V: SimdFloat<S>, const GROUPS: usize> Clone for Lanes<S, V, GROUPS> {
+    #[inline(always)]
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<S: Simd, V: SimdFloat<S>, const GROUPS: usize> Copy for Lanes<S, V, GROUPS> {}
+
+impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> fmt::Debug for Lanes<S, V, GROUPS> {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        formatter.debug_list().entries((0..Self::COUNT).map(|lane| self.get(lane))).finish()
+    }
+}
+
+macro_rules! operators {
+    ($($operator:ident :: $function:ident),*) => {$(
+        impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> $operator for Lanes<S, V, GROUPS> {
+            type Output = Self;
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                self.zip(other, |a, b| $operator::$function(a, b))
+            }
+        }
+    )*};
+}
+operators!(Add::add, Sub::sub, Mul::mul, Div::div);
+
+impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> Neg for Lanes<S, V, GROUPS> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        self.map(|a| -a)
+    }
+}
+impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> AddAssign for Lanes<S, V, GROUPS> {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> SubAssign for Lanes<S, V, GROUPS> {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+/// One truth a lane.
+pub struct LaneMask<S: Simd, M: SimdMask<S>, const GROUPS: usize>([M; GROUPS], PhantomData<S>);
+
+impl<S: Simd, M: SimdMask<S>, const GROUPS: usize> Clone for LaneMask<S, M, GROUPS> {
+    #[inline(always)]
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<S: Simd, M: SimdMask<S>, const GROUPS: usize> Copy for LaneMask<S, M, GROUPS> {}
+
+impl<S: Simd, M: SimdMask<S>, const GROUPS: usize> fmt::Debug for LaneMask<S, M, GROUPS> {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        formatter.debug_list().entries(self.0.iter().map(|mask| mask.to_bitmask())).finish()
+    }
+}
+
+impl<S: Simd, M: SimdMask<S>, const GROUPS: usize> Mask for LaneMask<S, M, GROUPS> {
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        Self(std::array::from_fn(|group| self.0[group] & other.0[group]), PhantomData)
+    }
+    #[inline(always)]
+    fn or(self, other: Self) -> Self {
+        Self(std::array::from_fn(|group| self.0[group] | other.0[group]), PhantomData)
+    }
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self(std::array::from_fn(|group| !self.0[group]), PhantomData)
+    }
+}
+
+impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> Scalar for Lanes<S, V, GROUPS> {
+    type Mask = LaneMask<S, V::Mask, GROUPS>;
+    const HALF_PI: [f64; 3] = V::Element::HALF_PI;
+    const SINE: &'static [f64] = V::Element::SINE;
+    const COSINE: &'static [f64] = V::Element::COSINE;
+
+    #[inline(always)]
+    fn constant(self, value: f64) -> Self {
+        Self::splat(self.0[0].token(), value)
+    }
+    #[inline(always)]
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        Self(std::array::from_fn(|group| self.0[group].mul_add(factor.0[group], addend.0[group])), PhantomData)
+    }
+    #[inline(always)]
+    fn round_small(self) -> Self {
+        self.map(|a| a.round_ties_even())
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.map(|a| a.sqrt())
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        self.map(|a| a.abs())
+    }
+    #[inline(always)]
+    fn fix(self) -> Self {
+        self.map(|a| a.trunc())
+    }
+    #[inline(always)]
+    fn less(self, other: Self) -> Self::Mask {
+        LaneMask(std::array::from_fn(|group| self.0[group].simd_lt(other.0[group])), PhantomData)
+    }
+    #[inline(always)]
+    fn select(mask: Self::Mask, if_true: Self, if_false: Self) -> Self {
+        Self(std::array::from_fn(|group| mask.0[group].select(if_true.0[group], if_false.0[group])), PhantomData)
+    }
+    // One instruction each. Where one of two numbers is not a number x86 gives the second, NEON that one.
+    #[inline(always)]
+    fn minimum(self, other: Self) -> Self {
+        self.zip(other, |a, b| b.min(a))
+    }
+    #[inline(always)]
+    fn maximum(self, other: Self) -> Self {
+        self.zip(other, |a, b| b.max(a))
+    }
+}
