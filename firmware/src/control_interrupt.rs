@@ -67,6 +67,8 @@ struct Running {
     next_link: usize,
     period_ns: u32,
     deadline_missed: bool,
+    /// Whether the amplifiers were on when the run began.
+    was_powered: bool,
 }
 
 static RUNNING: InterruptOwned<Running> = InterruptOwned::new();
@@ -82,7 +84,9 @@ pub fn ticks() -> u32 {
 pub fn start(timer: Peri<'static, TIM1>, control: Control) {
     let period_ns = control.board.loop_period_ns();
     // SAFETY: the only call, since there is only one TIM1 to call it with, and the interrupt is enabled below.
-    unsafe { RUNNING.hand_over(Running { control, next_link: 0, period_ns, deadline_missed: false }) };
+    unsafe {
+        RUNNING.hand_over(Running { control, next_link: 0, period_ns, deadline_missed: false, was_powered: false })
+    };
     let timer = Timer::new(timer);
     // Sets the prescaler; the period follows.
     timer.set_period_clocks(LONGEST_PERIOD_CYCLES, RoundTo::Faster);
@@ -119,6 +123,7 @@ fn TIM1_UP_TIM10() {
 impl Running {
     fn tick(&mut self) {
         let control = &mut self.control;
+        self.was_powered = control.amplifiers.are_enabled();
         // Both currents are sampled within 1.4 µs from here; the counts are read at the start of that.
         control.measured_currents.start();
         let counts = control.encoders.counts();
@@ -176,8 +181,12 @@ impl Running {
         board.advance_check();
     }
 
-    /// The flash memory is written to by a task; the board says what and when, and hears what came of it.
+    /// The flash memory is written to by a task; the board says what and when, and hears what came of it. Handing it over
+    /// takes long, and has time until the run after the one that switches the amplifiers off.
     fn store(&mut self) {
+        if self.was_powered {
+            return;
+        }
         let control = &mut self.control;
         if let Some(result) = control.storage.result() {
             control.board.end_store(result);
