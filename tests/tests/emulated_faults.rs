@@ -293,7 +293,7 @@ fn a_flipped_bit_of_the_setpoint_is_a_fault_or_moves_the_arm_no_further_than_it_
     for bit in [2, 5, 8, 9, 10, 13, 20, 31] {
         client.command(pose.clone()).expect("a pose");
         let [second, third] = client.status().expect("a status").position_counts;
-        client.command(Request::Arm).expect("armed");
+        client.arm().expect("armed");
         let pair = [second, third].map(|counts| u64::from(counts.cast_unsigned()));
         let places: Vec<u64> = board.intervene(move |_, host, _| {
             let places = (state.address..state.address + state.size - 4).step_by(4);
@@ -304,7 +304,7 @@ fn a_flipped_bit_of_the_setpoint_is_a_fault_or_moves_the_arm_no_further_than_it_
         client.command(Request::Disarm).expect("disarmed");
         for place in places {
             client.command(pose.clone()).expect("a pose");
-            client.command(Request::Arm).expect("armed");
+            client.arm().expect("armed");
             board.run(Duration::from_millis(100));
             let before = client.status().expect("a status").position_counts;
             flip(&board, place, bit);
