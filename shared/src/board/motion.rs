@@ -2,7 +2,7 @@
 
 use super::constants::{Constants, JointTick};
 use super::encoders::Jump;
-use super::path::{Clock, Path};
+use super::path::{Clock, HeldCounts, Path};
 use super::trajectories::Accepted;
 use super::{Inputs, MID_SCALE};
 use crate::control::{ComputedTorque, ComputedTorqueInput};
@@ -93,7 +93,7 @@ impl Motion {
             mode: Mode::Idle,
             mode_changed: false,
             last_fault: None,
-            path: Path::Counts([0; 2]),
+            path: Path::Counts(HeldCounts::new([0; 2])),
             clock: Clock::START,
             law: Law::Position,
             movement: None,
@@ -149,7 +149,8 @@ impl Motion {
 
     /// Switches on and holds `position_counts`.
     pub(super) fn arm(&mut self, position_counts: [i32; 2]) {
-        *self = Self { last_fault: self.last_fault, path: Path::Counts(position_counts), ..Self::new() };
+        *self =
+            Self { last_fault: self.last_fault, path: Path::Counts(HeldCounts::new(position_counts)), ..Self::new() };
         self.enter(Mode::Armed);
     }
 
@@ -169,8 +170,8 @@ impl Motion {
     /// The counts at which the position loop holds the arm from now on without a jerk: where it already holds, those;
     /// under computed torque, so far from the actual position that the loop asks for the current that flows now.
     pub(super) fn holding_counts(&self, position_counts: [i32; 2], constants: &Constants) -> [i32; 2] {
-        if let (Path::Counts(counts), Law::Position) = (&self.path, &self.law) {
-            return *counts;
+        if let (Path::Counts(held), Law::Position) = (&self.path, &self.law) {
+            return held.counts;
         }
         Joint::ALL.map(|joint| {
             let index = joint.index();
@@ -221,7 +222,7 @@ impl Motion {
         if matches!(self.law, Law::ComputedTorque(_)) {
             self.previous_error = None;
         }
-        self.path = Path::Counts(counts);
+        self.path = Path::Counts(HeldCounts::new(counts));
         self.law = Law::Position;
         self.clock = Clock::START;
         self.movement = None;
@@ -232,6 +233,11 @@ impl Motion {
     pub(super) fn step(&mut self, tick: &Tick<'_>) -> Result<Step, Fault> {
         let constants = tick.constants;
         self.check_inputs(tick)?;
+        if let Path::Counts(held) = &self.path
+            && !held.is_whole()
+        {
+            return Err(Fault::MemoryCorrupted);
+        }
         let trajectory = tick.trajectory.map(|accepted| accepted.trajectory);
         let reference = self.path.reference(&self.clock, 0, trajectory, constants);
         let error = [0, 1].map(|index: usize| reference.counts[index].saturating_sub(tick.position_counts[index]));
@@ -421,7 +427,7 @@ impl Motion {
             }
             Mode::Stopping(_) if self.clock.has_stopped() => {
                 if matches!(self.law, Law::Position) {
-                    self.path = Path::Counts(reference_counts);
+                    self.path = Path::Counts(HeldCounts::new(reference_counts));
                 }
                 self.hold_armed(tick.position_counts, constants);
                 false
@@ -437,7 +443,7 @@ impl Motion {
         self.path = match law {
             ControlLaw::Position => {
                 let [a, b] = end_rad;
-                Path::Counts([first.reference_counts(a), second.reference_counts(b)])
+                Path::Counts(HeldCounts::new([first.reference_counts(a), second.reference_counts(b)]))
             }
             ControlLaw::ComputedTorque => Path::Pose(end_rad),
         };

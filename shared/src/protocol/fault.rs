@@ -73,6 +73,9 @@ pub enum Fault {
         /// Four times what the speed limit allows, plus a margin.
         limit_counts: i32,
     },
+    /// A value kept twice no longer agrees with its copy: something changed the memory.
+    #[error("memory-corrupted: the pose to hold no longer agrees with its copy; {}", self.remedy())]
+    MemoryCorrupted,
     /// Computed torque gave a command that is not a number.
     #[error("bad-model: the model gave no finite command for {joint}; {}", self.remedy())]
     BadModel {
@@ -185,6 +188,7 @@ impl Fault {
             Self::LinkLost { .. } => "link-lost",
             Self::DeadlineMissed => "deadline-missed",
             Self::EncoderJump { .. } => "encoder-jump",
+            Self::MemoryCorrupted => "memory-corrupted",
             Self::BadModel { .. } => "bad-model",
             Self::Panic { .. } => "panic",
             Self::HardFault { .. } => "hard-fault",
@@ -207,6 +211,7 @@ impl Fault {
             Self::LinkLost { .. } => "check the cable; while a movement runs, send keep-alives or read the stream",
             Self::DeadlineMissed => "choose a longer loop period, and report the timing shown by info",
             Self::EncoderJump { .. } => "check the encoder's wiring and shielding, then declare the pose again",
+            Self::MemoryCorrupted => "restart the board, and replace it if this happens again",
             Self::BadModel { .. } => "identify the arm again and upload the new model",
             Self::Panic { .. }
             | Self::HardFault { .. }

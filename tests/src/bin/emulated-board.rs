@@ -52,8 +52,10 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
     let bad_file = |error: &dyn std::fmt::Display| (BAD_FILE, error.to_string());
     let failed = |error: &dyn std::fmt::Display| (FAILED, error.to_string());
-    let robot = arguments.robot.as_deref().map_or_else(|| Ok(Robot::paper()), Robot::read_for_motion);
-    let robot = robot.map_err(|error| bad_file(&error))?;
+    let robot = match &arguments.robot {
+        Some(path) => Robot::read_for_motion(path).map_err(|error| bad_file(&error))?,
+        None => Robot::paper(),
+    };
     let hidden = HiddenRobot::draw(&robot, arguments.seed);
     let board = EmulatedBoard::start(&arguments.firmware, &robot, &hidden)
         .map_err(|error| bad_file(&format!("{}: {error}", arguments.firmware.display())))?;
