@@ -21,7 +21,7 @@ use embassy_stm32::{
 };
 use shared::{
     board::{Board, Inputs},
-    protocol::{Link, PackedSample},
+    protocol::{Event, Link, Mode, PackedSample},
 };
 
 use crate::{
@@ -29,7 +29,9 @@ use crate::{
     currents::{Amplifiers, MeasuredCurrents},
     encoders::Encoders,
     interrupt_owned::InterruptOwned,
-    link::ControlEnd,
+    last_fault,
+    link::{ControlEnd, ExaminedRequest},
+    storage,
     timing::Stopwatch,
 };
 
@@ -51,16 +53,22 @@ pub struct Control {
     pub amplifiers: Amplifiers,
     /// High when the emergency stop is pressed, or its wire broken.
     pub emergency_stop: Input<'static>,
-    /// Its end of the serial link.
-    pub serial: ControlEnd,
+    /// Its ends of the links, in the order of [`Link::ALL`].
+    pub links: [ControlEnd; 2],
+    /// The way to the flash memory.
+    pub storage: storage::ControlEnd,
     /// Measures it.
     pub stopwatch: Stopwatch,
 }
 
 struct Running {
     control: Control,
+    /// Index of the link whose turn it is to be answered.
+    next_link: usize,
     period_ns: u32,
     deadline_missed: bool,
+    /// Whether the amplifiers were on when the run began.
+    was_powered: bool,
 }
 
 static RUNNING: InterruptOwned<Running> = InterruptOwned::new();
@@ -76,7 +84,9 @@ pub fn ticks() -> u32 {
 pub fn start(timer: Peri<'static, TIM1>, control: Control) {
     let period_ns = control.board.loop_period_ns();
     // SAFETY: the only call, since there is only one TIM1 to call it with, and the interrupt is enabled below.
-    unsafe { RUNNING.hand_over(Running { control, period_ns, deadline_missed: false }) };
+    unsafe {
+        RUNNING.hand_over(Running { control, next_link: 0, period_ns, deadline_missed: false, was_powered: false })
+    };
     let timer = Timer::new(timer);
     // Sets the prescaler; the period follows.
     timer.set_period_clocks(LONGEST_PERIOD_CYCLES, RoundTo::Faster);
@@ -103,6 +113,7 @@ fn TIM1_UP_TIM10() {
     clear_overflow();
     running.tick();
     running.answer();
+    running.store();
     running.follow_period();
     running.deadline_missed = pac::TIM1.sr().read().uif();
     running.control.stopwatch.stop(running.deadline_missed);
@@ -112,7 +123,8 @@ fn TIM1_UP_TIM10() {
 impl Running {
     fn tick(&mut self) {
         let control = &mut self.control;
-        // Both currents are sampled within 3.3 µs from here; the counts are read at the start of that.
+        self.was_powered = control.amplifiers.are_enabled();
+        // Both currents are sampled within 1.4 µs from here; the counts are read at the start of that.
         control.measured_currents.start();
         let counts = control.encoders.counts();
         let emergency_stop = control.emergency_stop.is_high();
@@ -132,22 +144,56 @@ impl Running {
         }
 
         if let Some(event) = outputs.event {
-            control.serial.event(event);
+            if let Event::Mode { mode: Mode::Fault(fault), .. } = &event {
+                last_fault::keep(fault);
+            }
+            for link in &mut control.links {
+                link.event(event);
+            }
         }
-        match outputs.telemetry {
-            Some(row) if row.link == Link::Serial => control.serial.telemetry(row),
-            _ => {}
+        if let Some(row) = outputs.telemetry {
+            control.links[row.link as usize].telemetry(row);
         }
     }
 
-    /// At most one request a period, after the outputs: what a host asks for never delays the arm.
+    /// At most one request a period, after the outputs: what a host asks for never delays the arm. Two hosts are
+    /// answered in turns. None where the last run was too long: requests that take several periods, possible while the
+    /// amplifiers are off, then leave the tasks a period in between, the one that feeds the watchdog among them.
     fn answer(&mut self) {
+        if self.deadline_missed {
+            return;
+        }
+        let Control { board, links, stopwatch, .. } = &mut self.control;
+        let counters = [links[0].counters(), links[1].counters()];
+        for index in [self.next_link, 1 - self.next_link] {
+            let answered = links[index].answer_next(|ExaminedRequest { message, findings }, reply| {
+                board.report_timing(stopwatch.timing());
+                for (link, counters) in Link::ALL.into_iter().zip(counters) {
+                    board.report_link(link, counters);
+                }
+                board.answer(Link::ALL[index], message.sequence, &message.request, findings, reply);
+            });
+            if answered {
+                self.next_link = 1 - index;
+                return;
+            }
+        }
+        board.advance_check();
+    }
+
+    /// The flash memory is written to by a task; the board says what and when, and hears what came of it. Handing it over
+    /// takes long, and has time until the run after the one that switches the amplifiers off.
+    fn store(&mut self) {
+        if self.was_powered {
+            return;
+        }
         let control = &mut self.control;
-        let Some(message) = control.serial.request() else { return };
-        control.board.report_timing(control.stopwatch.timing());
-        control.board.report_link(Link::Serial, control.serial.counters());
-        let reply = control.board.handle(Link::Serial, message.sequence, &message.request);
-        control.serial.answer(reply);
+        if let Some(result) = control.storage.result() {
+            control.board.end_store(result);
+        }
+        if let Some(parameters) = control.board.begin_store() {
+            control.storage.order(parameters);
+        }
     }
 
     /// A new configuration can bring another loop period.

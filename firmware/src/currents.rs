@@ -11,56 +11,60 @@ use shared::board::MID_SCALE;
 
 use crate::safe_output::EnablePin;
 
-/// The two inputs for the armature currents, converted one right after the other on request.
+/// The two inputs for the armature currents, each with a converter of its own, so that both are sampled at once and
+/// take no longer than one.
 pub struct MeasuredCurrents {
-    _adc: Adc<'static, peripherals::ADC1>,
-    _inputs: [AnyAdcChannel<'static, peripherals::ADC1>; 2],
+    // Kept for the pins and the clock gates they hold.
+    _joint_2: (Adc<'static, peripherals::ADC1>, AnyAdcChannel<'static, peripherals::ADC1>),
+    _joint_3: (Adc<'static, peripherals::ADC2>, AnyAdcChannel<'static, peripherals::ADC2>),
 }
 
-impl MeasuredCurrents {
-    /// Long enough for a source of up to 6 kΩ; with 12 cycles of conversion at 21 MHz each input takes 1.9 µs.
-    const SAMPLE_TIME: SampleTime = SampleTime::CYCLES28;
+/// The converters of joint 2 and joint 3.
+const CONVERTERS: [pac::adc::Adc; 2] = [pac::ADC1, pac::ADC2];
 
-    /// Prepares the inputs for joint 2 and joint 3 as an injected sequence started by software.
+/// Long enough for a source of up to 6 kΩ; with 12 cycles of conversion at 21 MHz an input takes 1.9 µs.
+const SAMPLE_TIME: SampleTime = SampleTime::CYCLES28;
+
+impl MeasuredCurrents {
+    /// Prepares the inputs for joint 2 and joint 3 as injected conversions started by software.
     pub fn new(
-        adc: Peri<'static, peripherals::ADC1>,
-        joint_2: impl AdcChannel<peripherals::ADC1> + 'static,
-        joint_3: impl AdcChannel<peripherals::ADC1> + 'static,
+        joint_2: (Peri<'static, peripherals::ADC1>, impl AdcChannel<peripherals::ADC1> + 'static),
+        joint_3: (Peri<'static, peripherals::ADC2>, impl AdcChannel<peripherals::ADC2> + 'static),
     ) -> Self {
-        let adc = Adc::new(adc);
-        let inputs = [joint_2.degrade_adc(), joint_3.degrade_adc()];
-        let registers = pac::ADC1;
-        for channel in inputs.each_ref().map(AnyAdcChannel::get_hw_channel) {
+        let joint_2 = (Adc::new(joint_2.0), joint_2.1.degrade_adc());
+        let joint_3 = (Adc::new(joint_3.0), joint_3.1.degrade_adc());
+        for (registers, channel) in CONVERTERS.into_iter().zip([joint_2.1.get_hw_channel(), joint_3.1.get_hw_channel()])
+        {
             match channel {
-                0..=9 => registers.smpr2().modify(|register| register.set_smp(channel.into(), Self::SAMPLE_TIME)),
-                _ => {
-                    registers.smpr1().modify(|register| register.set_smp(usize::from(channel) - 10, Self::SAMPLE_TIME))
-                }
+                0..=9 => registers.smpr2().modify(|register| register.set_smp(channel.into(), SAMPLE_TIME)),
+                _ => registers.smpr1().modify(|register| register.set_smp(usize::from(channel) - 10, SAMPLE_TIME)),
             }
+            registers.jsqr().modify(|register| {
+                // A sequence of one uses the last of the four places (RM0090, 13.13.12).
+                register.set_jl(0);
+                register.set_jsq(3, channel);
+            });
         }
-        registers.jsqr().modify(|register| {
-            // A sequence of two uses the last two of the four places (RM0090, 13.13.12).
-            register.set_jl(1);
-            register.set_jsq(2, inputs[0].get_hw_channel());
-            register.set_jsq(3, inputs[1].get_hw_channel());
-        });
-        registers.cr1().modify(|register| register.set_scan(true));
-        Self { _adc: adc, _inputs: inputs }
+        Self { _joint_2: joint_2, _joint_3: joint_3 }
     }
 
-    /// Starts converting both inputs and returns at once. The first is sampled within the next 1.4 µs.
+    /// Starts converting both inputs and returns at once. They are sampled within the next 1.4 µs, a few cycles apart.
     pub fn start(&mut self) {
-        pac::ADC1.sr().modify(|register| register.set_jeoc(false));
-        pac::ADC1.cr2().modify(|register| register.set_jswstart(true));
+        for registers in CONVERTERS {
+            registers.sr().modify(|register| register.set_jeoc(false));
+        }
+        for registers in CONVERTERS {
+            registers.cr2().modify(|register| register.set_jswstart(true));
+        }
     }
 
     /// The codes (0 to 4095) of the conversions begun by [`Self::start`]; `None` if they do not finish in time,
     /// which only a converter that has lost its clock or was switched off can cause.
     pub fn finish(&mut self) -> Option<[u16; 2]> {
-        // Each look takes several cycles; 2000 of them are far beyond the 640 cycles both conversions need.
-        for _ in 0..2000 {
-            if pac::ADC1.sr().read().jeoc() {
-                return Some([0, 1].map(|place| pac::ADC1.jdr(place).read().jdata()));
+        // Each look takes several cycles; 1000 of them are far beyond the 320 cycles a conversion needs.
+        for _ in 0..1000 {
+            if CONVERTERS.iter().all(|registers| registers.sr().read().jeoc()) {
+                return Some(CONVERTERS.map(|registers| registers.jdr(0).read().jdata()));
             }
         }
         None

@@ -9,7 +9,7 @@ pub const CONTROL_PRIORITY: Priority = Priority::P0;
 /// The highest priority any other interrupt may have; critical sections mask this and all below it.
 pub const HIGHEST_SHARED_PRIORITY: Priority = Priority::P4;
 
-/// Of the time driver, the links and their DMA streams.
+/// Of the time driver, the links (USB and the serial line) and their DMA streams.
 pub const TASK_PRIORITY: Priority = Priority::P6;
 
 /// One more than the highest interrupt number of the STM32F429 (`DMA2D`, 90).

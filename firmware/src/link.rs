@@ -8,7 +8,7 @@
 //! fit is dropped and counted, so a stalled host cannot disturb control. A lost reply is asked for again, a lost
 //! row is still in the recording.
 
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 
 use embassy_stm32::{
     interrupt,
@@ -18,7 +18,7 @@ use embassy_sync::{blocking_mutex::raw::CriticalSectionRawMutex, signal::Signal}
 use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
 use shared::{
-    board::Telemetry,
+    board::{Findings, Telemetry},
     protocol::{
         BoardMessage, Decoder, Event, FrameError, HostMessage, LinkCounters, MAX_FRAME, PROTOCOL_VERSION, Reply,
         encode_board_message,
@@ -27,15 +27,40 @@ use shared::{
 
 /// One link, in static memory. A queue of N holds N - 1.
 pub struct Link {
-    requests: Queue<HostMessage, 4>,
-    replies: Queue<(u32, Reply), 4>,
+    requests: Queue<ExaminedRequest, 4>,
+    /// Places for replies. They wait in `free_replies` to be written by the interrupt, and in `replies` to be sent.
+    reply_places: [SequencedReply; REPLIES],
+    free_replies: Queue<&'static mut SequencedReply, { REPLIES + 1 }>,
+    replies: Queue<&'static mut SequencedReply, { REPLIES + 1 }>,
     events: Queue<Event, 8>,
     /// 44 ms of rows at 0.7 ms: as long as a host may look away without losing one on the way.
     telemetry: Queue<Telemetry, 64>,
 }
 
+/// Replies that may wait to be sent.
+const REPLIES: usize = 3;
+
+/// A reply and the number of its request. It is written in place and stays there until it is sent, because copying it
+/// would take the interrupt as long as everything else it does.
+struct SequencedReply {
+    sequence: u32,
+    reply: Reply,
+}
+
+/// A request with what the receiving task found out about it, so that the interrupt need not.
+pub struct ExaminedRequest {
+    /// The request.
+    pub message: HostMessage,
+    /// What follows from it alone.
+    pub findings: Findings,
+}
+
 /// What the interrupt and the tasks of one link count, and how they wake each other.
 pub struct LinkState {
+    /// Whether anybody may be listening. Nothing is queued for nobody.
+    connected: AtomicBool,
+    /// Whether the interrupt wants the sending task woken.
+    wake: AtomicBool,
     outgoing: Signal<CriticalSectionRawMutex, ()>,
     received: AtomicU32,
     bad_frames: AtomicU32,
@@ -46,8 +71,10 @@ pub struct LinkState {
 }
 
 impl LinkState {
-    const fn new() -> Self {
+    const fn new(connected: bool) -> Self {
         Self {
+            connected: AtomicBool::new(connected),
+            wake: AtomicBool::new(false),
             outgoing: Signal::new(),
             received: AtomicU32::new(0),
             bad_frames: AtomicU32::new(0),
@@ -58,68 +85,102 @@ impl LinkState {
     }
 }
 
-/// State of the serial link. Static, because the relay interrupt below wakes its task.
-pub static SERIAL: LinkState = LinkState::new();
+/// State of the USB link. Static, because the relay interrupt below wakes its task.
+pub static USB: LinkState = LinkState::new(false);
+
+/// State of the serial link, which cannot tell whether anybody listens.
+pub static SERIAL: LinkState = LinkState::new(true);
 
 impl Link {
     /// A link with nothing under way.
     pub const fn new() -> Self {
-        Self { requests: Queue::new(), replies: Queue::new(), events: Queue::new(), telemetry: Queue::new() }
+        Self {
+            requests: Queue::new(),
+            reply_places: [const { SequencedReply { sequence: 0, reply: Reply::Done } }; REPLIES],
+            free_replies: Queue::new(),
+            replies: Queue::new(),
+            events: Queue::new(),
+            telemetry: Queue::new(),
+        }
     }
 
     /// The ends for the control interrupt, for the receiving and for the sending task.
     pub fn split(&'static mut self, state: &'static LinkState) -> (ControlEnd, ReceiveEnd, SendEnd) {
         let (request_producer, requests) = self.requests.split();
+        let (mut free_producer, free_replies) = self.free_replies.split();
+        for place in &mut self.reply_places {
+            // Room for all of them.
+            let _ = free_producer.enqueue(place);
+        }
         let (replies, reply_consumer) = self.replies.split();
         let (events, event_consumer) = self.events.split();
         let (telemetry, telemetry_consumer) = self.telemetry.split();
         (
-            ControlEnd { requests, replies, events, telemetry, state },
+            ControlEnd { requests, free_replies, replies, events, telemetry, state },
             ReceiveEnd { decoder: Decoder::new(), requests: request_producer, state },
-            SendEnd { replies: reply_consumer, events: event_consumer, telemetry: telemetry_consumer, state },
+            SendEnd {
+                replies: reply_consumer,
+                free_replies: free_producer,
+                events: event_consumer,
+                telemetry: telemetry_consumer,
+                state,
+            },
         )
     }
 }
 
 /// The control interrupt's end.
 pub struct ControlEnd {
-    requests: Consumer<'static, HostMessage>,
-    replies: Producer<'static, (u32, Reply)>,
+    requests: Consumer<'static, ExaminedRequest>,
+    free_replies: Consumer<'static, &'static mut SequencedReply>,
+    replies: Producer<'static, &'static mut SequencedReply>,
     events: Producer<'static, Event>,
     telemetry: Producer<'static, Telemetry>,
     state: &'static LinkState,
 }
 
 impl ControlEnd {
-    /// The next request, if there is one and room for its reply. It stays where it is: copying it would take longer
-    /// than a control tick.
-    pub fn request(&self) -> Option<&HostMessage> {
-        if self.replies.ready() { self.requests.peek() } else { None }
-    }
-
-    /// Answers the request seen last, which is done with then.
-    pub fn answer(&mut self, reply: Reply) {
-        let Some(HostMessage { sequence, .. }) = self.requests.dequeue() else { return };
-        if self.replies.enqueue((sequence, reply)).is_err() {
-            count(&self.state.replies_dropped);
-        }
-        wake_senders();
+    /// Has the next request answered, if there is one and a place for its reply: `answer` is given the request and the
+    /// place. Neither is ever moved. Returns whether there was one.
+    pub fn answer_next(&mut self, answer: impl FnOnce(&ExaminedRequest, &mut Reply)) -> bool {
+        let Some(request) = self.requests.peek() else { return false };
+        let Some(place) = self.free_replies.dequeue() else { return false };
+        place.sequence = request.message.sequence;
+        answer(request, &mut place.reply);
+        self.requests.dequeue();
+        // As much room as there are places.
+        let _ = self.replies.enqueue(place);
+        self.wake_sender();
+        true
     }
 
     /// Tells the host something it has not asked for.
     pub fn event(&mut self, event: Event) {
+        if !self.is_connected() {
+            return;
+        }
         if self.events.enqueue(event).is_err() {
             count(&self.state.replies_dropped);
         }
-        wake_senders();
+        self.wake_sender();
     }
 
-    /// Sends a recorded row.
+    /// Sends a recorded row. A host that asked for it and has gone since is told by the count what it missed.
     pub fn telemetry(&mut self, telemetry: Telemetry) {
-        if self.telemetry.enqueue(telemetry).is_err() {
+        if !self.is_connected() || self.telemetry.enqueue(telemetry).is_err() {
             count(&self.state.telemetry_dropped);
         }
-        wake_senders();
+        self.wake_sender();
+    }
+
+    fn is_connected(&self) -> bool {
+        self.state.connected.load(Ordering::Relaxed)
+    }
+
+    /// The interrupt may not wake a task itself (see `critical_section.rs`): the relay below does.
+    fn wake_sender(&self) {
+        self.state.wake.store(true, Ordering::Relaxed);
+        RELAY.pend();
     }
 
     /// Traffic since the start.
@@ -136,20 +197,26 @@ impl ControlEnd {
 /// The receiving task's end.
 pub struct ReceiveEnd {
     decoder: Decoder,
-    requests: Producer<'static, HostMessage>,
+    requests: Producer<'static, ExaminedRequest>,
     state: &'static LinkState,
 }
 
 impl ReceiveEnd {
+    /// Forgets a frame of which only the beginning has come: another host sends now.
+    pub fn restart(&mut self) {
+        self.decoder = Decoder::new();
+    }
+
     /// Takes in received bytes, and waits while the interrupt has not taken earlier requests: it takes one a period.
     pub async fn accept(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             match self.decoder.host_message(byte) {
                 None => {}
-                Some(Ok(mut message)) => {
+                Some(Ok(message)) => {
                     count(&self.state.received);
-                    while let Err(refused) = self.requests.enqueue(message) {
-                        message = refused;
+                    let mut request = ExaminedRequest { findings: Findings::of(&message.request), message };
+                    while let Err(refused) = self.requests.enqueue(request) {
+                        request = refused;
                         Timer::after_micros(100).await;
                     }
                 }
@@ -167,34 +234,96 @@ impl ReceiveEnd {
 
 /// The sending task's end.
 pub struct SendEnd {
-    replies: Consumer<'static, (u32, Reply)>,
+    replies: Consumer<'static, &'static mut SequencedReply>,
+    free_replies: Producer<'static, &'static mut SequencedReply>,
     events: Consumer<'static, Event>,
     telemetry: Consumer<'static, Telemetry>,
     state: &'static LinkState,
 }
 
+/// What a frame carries, as far as its loss matters.
+#[derive(Clone, Copy)]
+pub enum Carries {
+    /// A recorded row, which can be read again.
+    Row,
+    /// An answer, which can be asked for again, or an event.
+    Other,
+}
+
 impl SendEnd {
-    /// Waits for the next message and puts it into a frame. Answers go before rows, which can be read again.
+    /// Waits for the next message and puts it into a frame.
     pub async fn next_frame<'a>(&mut self, buffer: &'a mut [u8; MAX_FRAME]) -> &'a [u8] {
         loop {
-            let Some(message) = self.next_message() else {
-                self.state.outgoing.wait().await;
-                continue;
-            };
-            // The borrow checker does not yet see that the buffer is free again after an error.
-            match encode_board_message(&message, buffer).map(<[u8]>::len) {
-                Ok(length) => return &buffer[..length],
+            // The borrow checker does not yet see that the buffer is free again where there is no frame.
+            match self.try_next_frame(buffer) {
+                Some((length, _)) => return &buffer[..length],
+                None => self.wait().await,
+            }
+        }
+    }
+
+    /// Puts the next message into a frame and returns its length. Answers go before rows, which can be read again.
+    pub fn try_next_frame(&mut self, buffer: &mut [u8; MAX_FRAME]) -> Option<(usize, Carries)> {
+        loop {
+            let message = self.next_message()?;
+            let carries = if matches!(message, BoardMessage::Telemetry { .. }) { Carries::Row } else { Carries::Other };
+            match encode_board_message(&message, buffer) {
+                Ok(frame) => return Some((frame.len(), carries)),
                 Err(_) => {
-                    count(&self.state.replies_dropped);
+                    self.lost(0, 1);
                     defmt::error!("a message does not fit a frame of {} bytes", MAX_FRAME);
                 }
             }
         }
     }
 
+    /// Waits until there may be another message.
+    pub async fn wait(&self) {
+        self.state.outgoing.wait().await;
+    }
+
+    /// Counts what the host did not take.
+    pub fn lost(&self, rows: u32, others: u32) {
+        self.state.telemetry_dropped.fetch_add(rows, Ordering::Relaxed);
+        self.state.replies_dropped.fetch_add(others, Ordering::Relaxed);
+    }
+
+    /// Throws away what is queued, and counts it.
+    pub fn discard(&mut self) {
+        let (mut rows, mut others) = (0, 0);
+        while self.telemetry.dequeue().is_some() {
+            rows += 1;
+        }
+        while let Some(place) = self.replies.dequeue() {
+            // As much room as there are places.
+            let _ = self.free_replies.enqueue(place);
+            others += 1;
+        }
+        while self.events.dequeue().is_some() {
+            others += 1;
+        }
+        self.lost(rows, others);
+    }
+
+    /// Somebody listens from now on, and gets nothing that was meant for somebody else.
+    pub fn connect(&mut self) {
+        self.discard();
+        self.state.connected.store(true, Ordering::Relaxed);
+    }
+
+    /// Nobody listens any more.
+    pub fn disconnect(&mut self) {
+        self.state.connected.store(false, Ordering::Relaxed);
+        self.discard();
+    }
+
     fn next_message(&mut self) -> Option<BoardMessage> {
-        if let Some((sequence, reply)) = self.replies.dequeue() {
-            return Some(BoardMessage::Reply { sequence, reply });
+        if let Some(place) = self.replies.dequeue() {
+            let reply = core::mem::replace(&mut place.reply, Reply::Done);
+            let message = BoardMessage::Reply { sequence: place.sequence, reply };
+            // As much room as there are places.
+            let _ = self.free_replies.enqueue(place);
+            return Some(message);
         }
         let other_version = self.state.other_version.swap(PROTOCOL_VERSION, Ordering::Relaxed);
         if other_version != PROTOCOL_VERSION {
@@ -214,8 +343,8 @@ fn count(counter: &AtomicU32) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
-/// The control interrupt may not wake a task itself (see `critical_section.rs`). It requests this interrupt instead,
-/// whose peripheral the board does not use, and which has a priority from which tasks may be woken.
+/// An interrupt that the control interrupt requests to have tasks woken. The board does not use its peripheral, and it
+/// has a priority from which tasks may be woken.
 const RELAY: Interrupt = Interrupt::DCMI;
 
 /// Lets the relay run when requested; call it once, before the control interrupt starts.
@@ -224,11 +353,13 @@ pub fn enable_relay() {
     unsafe { RELAY.enable() };
 }
 
-fn wake_senders() {
-    RELAY.pend();
-}
-
 #[interrupt]
 fn DCMI() {
-    SERIAL.outgoing.signal(());
+    for state in [&USB, &SERIAL] {
+        // Not one swap: requested again in between, the relay runs again.
+        if state.wake.load(Ordering::Relaxed) {
+            state.wake.store(false, Ordering::Relaxed);
+            state.outgoing.signal(());
+        }
+    }
 }

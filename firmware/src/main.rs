@@ -7,12 +7,12 @@
 //! |---|---|---|
 //! | PA15, PB3 | D20, D23 | encoder of joint 2, channels A and B (TIM2) |
 //! | PA0, PA1 | D32, – | encoder of joint 3, channels A and B (TIM5) |
-//! | PA3, PC0 | A0, A1 | measured armature current of joint 2, joint 3 (ADC1) |
+//! | PA3, PC0 | A0, A1 | measured armature current of joint 2 (ADC1), joint 3 (ADC2) |
 //! | PA4, PA5 | D24, D13 | current command of joint 2, joint 3 (DAC) |
 //! | PF12 | D8 | amplifier enable, high = on; needs a pull-down outside |
 //! | PF13 | D7 | emergency stop: normally closed contact to ground, open = stop |
 //! | PD8, PD9 | – | serial link through the ST-LINK (USART3) |
-//! | PA11, PA12 | – | kept for USB |
+//! | PA11, PA12 | user USB | USB link |
 //!
 //! PA1 also carries the 50 MHz reference clock of the Ethernet chip on the Nucleo board, until the solder bridge between
 //! them is opened (SB13 on the boards of 2016; check the manual of yours).
@@ -27,9 +27,12 @@ mod encoders;
 mod identity;
 mod interrupt_owned;
 mod interrupt_priorities;
+mod last_fault;
 mod link;
 mod link_serial;
+mod link_usb;
 mod safe_output;
+mod storage;
 mod timing;
 mod watchdog;
 
@@ -47,6 +50,7 @@ use crate::{
     currents::{Amplifiers, MeasuredCurrents},
     encoders::Encoders,
     link::Link,
+    storage::Storage,
     timing::Stopwatch,
 };
 
@@ -55,6 +59,7 @@ async fn main(spawner: Spawner) {
     let core_peripherals = cortex_m::Peripherals::take().expect("taken once");
     interrupt_priorities::set_all(core_peripherals.NVIC);
     let peripherals = embassy_stm32::init(clocks::configuration());
+    clocks::enable_flash_caches();
     // First of all, so that the amplifiers are held off and at no current while the rest starts.
     let amplifiers = Amplifiers::new(peripherals.PF12, peripherals.DAC1, peripherals.PA4, peripherals.PA5);
     let watchdog = watchdog::start(peripherals.IWDG);
@@ -63,10 +68,22 @@ async fn main(spawner: Spawner) {
     static ROWS: ConstStaticCell<[PackedSample; DEFAULT_SAMPLES]> =
         ConstStaticCell::new([PackedSample::EMPTY; DEFAULT_SAMPLES]);
     static BOARD: StaticCell<Board<&'static mut [PackedSample]>> = StaticCell::new();
-    let board = BOARD.init_with(|| Board::new(identity::read(), ROWS.take()));
+    let identity = identity::read();
+    let chip_id = identity.chip_id;
+    let board = BOARD.init_with(|| Board::new(identity, ROWS.take()));
+    if let Some(fault) = last_fault::at_start(board.identity().reset_cause) {
+        board.report_last_fault(fault);
+    }
+    let (log, found) = storage::open();
+    board.restore_stored(&found);
+    static STORAGE: ConstStaticCell<Storage> = ConstStaticCell::new(Storage::new());
+    let (storage, storage_task) = STORAGE.take().split();
 
-    static SERIAL: ConstStaticCell<Link> = ConstStaticCell::new(Link::new());
-    let (serial, serial_receive, serial_send) = SERIAL.take().split(&link::SERIAL);
+    // Made at run time: their initial values are not all zeros, and would take 4 KB of flash each.
+    static USB: StaticCell<Link> = StaticCell::new();
+    let (usb, usb_receive, usb_send) = USB.init_with(Link::new).split(&link::USB);
+    static SERIAL: StaticCell<Link> = StaticCell::new();
+    let (serial, serial_receive, serial_send) = SERIAL.init_with(Link::new).split(&link::SERIAL);
     link::enable_relay();
     let (transmitter, receiver) = link_serial::open(
         peripherals.USART3,
@@ -81,15 +98,24 @@ async fn main(spawner: Spawner) {
             (peripherals.TIM2, peripherals.PA15, peripherals.PB3),
             (peripherals.TIM5, peripherals.PA0, peripherals.PA1),
         ),
-        measured_currents: MeasuredCurrents::new(peripherals.ADC1, peripherals.PA3, peripherals.PC0),
+        measured_currents: MeasuredCurrents::new(
+            (peripherals.ADC1, peripherals.PA3),
+            (peripherals.ADC2, peripherals.PC0),
+        ),
         amplifiers,
         emergency_stop: Input::new(peripherals.PF13, Pull::Up),
-        serial,
+        links: [usb, serial],
+        storage,
         stopwatch: Stopwatch::new(core_peripherals.DCB, core_peripherals.DWT),
     };
     control_interrupt::start(peripherals.TIM1, control);
 
     spawner.spawn(watchdog::feed(watchdog).expect("spawned once"));
+    spawner.spawn(storage::store(log, storage_task).expect("spawned once"));
+    let port = link_usb::open(peripherals.USB_OTG_FS, peripherals.PA12, peripherals.PA11, &chip_id);
+    spawner.spawn(link_usb::run(port.device).expect("spawned once"));
+    spawner.spawn(link_usb::receive(port.receiver, usb_receive).expect("spawned once"));
+    spawner.spawn(link_usb::send(port.sender, port.control, usb_send).expect("spawned once"));
     spawner.spawn(link_serial::receive(receiver, serial_receive).expect("spawned once"));
     spawner.spawn(link_serial::send(transmitter, serial_send).expect("spawned once"));
 }

@@ -69,6 +69,7 @@ fn manifest(movement: &Movement, circumstances: &Circumstances<'_>) -> Manifest 
         record_period_s: Some(robot.record_period_s),
         loop_period_s: Some(robot.loop_period_s),
         seed: *seed,
+        rows_read_again: Some(movement.reread_rows),
         partial: movement.partial.clone(),
         joint: robot.joints.iter().filter_map(gains).collect(),
     }

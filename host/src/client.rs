@@ -1,5 +1,6 @@
 //! Talking to a board: requests with sequence numbers, repeats, time limits, and what comes unasked.
 
+mod interrupt;
 mod movement;
 mod session;
 
@@ -11,6 +12,7 @@ use shared::protocol::{
     PROTOCOL_VERSION, Refusal, Reply, Request, encode_host_message,
 };
 
+pub use interrupt::Interrupt;
 pub use movement::{Movement, MovementPlan, MovementProgress};
 pub use session::{ModelReceipt, Pose, SessionError};
 
@@ -20,6 +22,8 @@ use crate::link::{Link, LinkError};
 const REPLY_TIMEOUT: Duration = Duration::from_millis(250);
 /// How often to ask.
 const ATTEMPTS: u32 = 8;
+/// How long a connection that broke has to come back. Not longer than anybody would wait before looking at the cable.
+const RETURN_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// A connection to a board that has answered the handshake.
 pub struct Client {
@@ -29,7 +33,9 @@ pub struct Client {
     unasked: VecDeque<BoardMessage>,
     sequence: u32,
     repeats: u32,
+    reconnections: u32,
     info: Info,
+    interrupt: Interrupt,
 }
 
 /// Why a request brought nothing.
@@ -107,7 +113,9 @@ impl Client {
             unasked: VecDeque::new(),
             sequence,
             repeats: 0,
+            reconnections: 0,
             info: empty_info(),
+            interrupt: Interrupt::default(),
         };
         client.info = client.hello()?;
         Ok(client)
@@ -119,6 +127,11 @@ impl Client {
             Reply::Info(info) => Ok(info),
             _ => Err(ClientError::Unexpected { request: "hello" }),
         }
+    }
+
+    /// Lets `interrupt` end a movement before its time. Asked once, it ends every later movement too.
+    pub fn end_movements_on(&mut self, interrupt: Interrupt) {
+        self.interrupt = interrupt;
     }
 
     /// Who the board is, from the handshake.
@@ -134,6 +147,11 @@ impl Client {
     /// How often a request had to be repeated.
     pub fn repeats(&self) -> u32 {
         self.repeats
+    }
+
+    /// How often the connection broke and came back.
+    pub fn reconnections(&self) -> u32 {
+        self.reconnections
     }
 
     /// Frames received, and thrown away.
@@ -155,7 +173,7 @@ impl Client {
         let frame = encode_host_message(&HostMessage { sequence, request }, &mut buffer)?;
         for attempt in 0..ATTEMPTS {
             self.repeats += u32::from(attempt > 0);
-            self.link.send(frame)?;
+            self.send(frame)?;
             let until = self.link.now() + REPLY_TIMEOUT;
             while let Some(message) = self.read_message(until)? {
                 match message {
@@ -204,6 +222,26 @@ impl Client {
         Ok(None)
     }
 
+    /// Sends a frame, over a new connection where the last one broke.
+    fn send(&mut self, frame: &[u8]) -> Result<(), ClientError> {
+        match self.link.send(frame) {
+            Err(broken @ LinkError::Broken { .. }) => {
+                self.reconnect(broken)?;
+                Ok(self.link.send(frame)?)
+            }
+            sent => Ok(sent?),
+        }
+    }
+
+    /// Waits for a connection that broke to come back. The board does not notice: it knows the link by its sequence
+    /// numbers, so a request that was under way is simply repeated, and rows that were lost are read again.
+    fn reconnect(&mut self, broken: LinkError) -> Result<(), ClientError> {
+        // Why it broke is what matters, not how the attempts to open it again ended.
+        self.link.reopen(RETURN_TIMEOUT).map_err(|_| broken)?;
+        self.reconnections += 1;
+        Ok(())
+    }
+
     /// The next message of any kind; none if `until` passes first.
     fn read_message(&mut self, until: Duration) -> Result<Option<BoardMessage>, ClientError> {
         loop {
@@ -222,8 +260,11 @@ impl Client {
                 return Ok(None);
             }
             let mut buffer = [0; 4096];
-            let count = self.link.receive(&mut buffer, until - now)?;
-            self.received.extend(&buffer[..count]);
+            match self.link.receive(&mut buffer, until - now) {
+                Ok(count) => self.received.extend(&buffer[..count]),
+                Err(broken @ LinkError::Broken { .. }) => self.reconnect(broken)?,
+                Err(error) => return Err(error.into()),
+            }
         }
     }
 }
@@ -270,5 +311,6 @@ fn request_name(request: &Request) -> &'static str {
         Request::CommitModel { .. } => "activating the model",
         Request::ReadModel(_) => "reading the model back",
         Request::ClearFault => "clearing the fault",
+        Request::ForgetParameters => "forgetting the stored parameters",
     }
 }

@@ -6,8 +6,12 @@ mod common;
 mod demo;
 mod drawing;
 mod error;
+#[cfg(feature = "flash")]
+mod flash;
 mod identify;
 mod info;
+mod interrupt;
+mod monitor;
 mod progress;
 mod record;
 mod run;
@@ -42,8 +46,13 @@ Results go to stdout, progress and advice to stderr. Every command has its own -
 enum Command {
     /// Show the whole chain on a simulated robot: record, calibrate, identify, upload, track.
     Demo(demo::Demo),
+    /// Write the firmware to the board through its debug probe, and verify it.
+    #[cfg(feature = "flash")]
+    Flash(flash::Flash),
     /// Show who the board is, what it is doing, and its counters.
     Info(info::Info),
+    /// Watch the errors and currents of both joints.
+    Monitor(monitor::Monitor),
     /// Run a movement and record it.
     Record(record::Record),
     /// Find the position loop's A/count and lead from recordings.
@@ -64,7 +73,10 @@ enum Command {
 pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     match arguments.command {
         Command::Demo(command) => command.run(),
+        #[cfg(feature = "flash")]
+        Command::Flash(command) => command.run(),
         Command::Info(command) => command.run(),
+        Command::Monitor(command) => command.run(),
         Command::Record(command) => command.run(),
         Command::Bench(command) => command.run(),
         Command::Calibrate(command) => command.run(),

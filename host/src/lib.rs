@@ -4,6 +4,7 @@
 //! robot, recording, model, trajectory_file   the files of the contract, read with every problem named
 //! link ── client ── capture                  bytes to a board, requests and movements, movements to recordings
 //! board_setup                                a robot file in the protocol's terms
+//! firmware_image                             what may be flashed to a board
 //! hidden_robot                               what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
 //! ```
@@ -17,6 +18,7 @@ pub mod capture;
 pub mod client;
 mod edit_distance;
 pub mod file_error;
+pub mod firmware_image;
 pub mod hidden_robot;
 pub mod identified_model;
 pub mod identify;

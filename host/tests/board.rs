@@ -9,9 +9,9 @@ use std::time::Duration;
 use armid::board_setup::{board_model, configuration};
 use armid::client::{Client, ClientError, Movement, MovementPlan, Pose, SessionError};
 use armid::hidden_robot::HiddenRobot;
-use armid::link::{Link, LinkError, SimulatedBoard, TcpLink};
+use armid::link::{Link, LinkError, MemoryFlash, SimulatedBoard, TcpLink};
 use armid::robot::Robot;
-use shared::protocol::{ControlLaw, Fault, Mode, ModelError, Refusal, Request};
+use shared::protocol::{ControlLaw, Fault, Mode, ModelError, Refusal, Request, StoreState};
 use shared::trajectory::{Points, Trajectory};
 
 const SEED: u64 = 5;
@@ -292,4 +292,32 @@ fn the_same_bytes_travel_over_tcp() {
     server.join().unwrap();
     let error = TcpLink::connect(&address).unwrap_err();
     assert!(error.to_string().contains("check that the board or emulator is running"), "{error}");
+}
+
+#[test]
+fn parameters_survive_a_restart_and_storing_never_meets_an_armed_board() {
+    let flash = MemoryFlash::default();
+    let switched_on = || simulated().with_flash(flash.clone());
+    let mut client = ready(switched_on());
+    client.upload(&true_model()).unwrap();
+    // Just begun: 2.5 ms for the record.
+    match client.command(Request::Arm) {
+        Err(ClientError::Refused { refusal: Refusal::Storing, .. }) => {}
+        other => panic!("{other:?}"),
+    }
+    client.arm().unwrap();
+    assert_eq!(client.status().unwrap().mode, Mode::Armed);
+    client.command(Request::Disarm).unwrap();
+    let stored = client.wait_until_stored().unwrap();
+    assert_eq!((stored.state, stored.model_crc), (StoreState::Stored, Some(true_model().crc())));
+
+    let mut client = Client::connect(Box::new(switched_on())).unwrap();
+    let status = client.status().unwrap();
+    assert_eq!((status.stored, status.active_model_crc), (stored, stored.model_crc));
+    assert_eq!(client.active_model().unwrap(), Some(true_model()));
+    client.command(Request::ForgetParameters).unwrap();
+    assert_eq!(client.wait_until_stored().unwrap().state, StoreState::Nothing);
+
+    let status = Client::connect(Box::new(switched_on())).unwrap().status().unwrap();
+    assert_eq!((status.stored.state, status.configuration_crc), (StoreState::Nothing, None));
 }

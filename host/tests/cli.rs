@@ -92,7 +92,7 @@ fn help_documents_the_exit_codes() {
     let codes =
         ["0  done", "1  failed", "2  wrong usage", "3  bad input file", "4  board unreachable", "5  refused as unsafe"];
     assert!(codes.iter().all(|code| help.contains(code)), "{help}");
-    for command in ["demo", "info", "record", "calibrate", "identify", "upload", "track", "simulate"] {
+    for command in ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "simulate"] {
         assert!(help.contains(command));
         bench.done(&format!("{command} --help"));
     }
@@ -106,7 +106,8 @@ fn wrong_usage_is_code_2() {
     bench.refused(USAGE, "dance", &["dance"]);
     bench.refused(USAGE, "identify", &["RECORDING"]);
     bench.refused(USAGE, "upload --board sim", &["MODEL"]);
-    bench.refused(USAGE, "info --board somewhere", &["somewhere", "tcp:HOST:PORT"]);
+    bench.refused(USAGE, "upload model.toml --forget --board sim", &["--forget"]);
+    bench.refused(USAGE, "info --board somewhere", &["somewhere", "usb:SERIAL", "tcp:HOST:PORT"]);
     bench.refused(USAGE, "record --board sim --pose north", &["two joint angles"]);
     bench.refused(USAGE, "record --board sim --period -1", &["--period -1"]);
     bench.refused(USAGE, "record --board sim --settle 1e9", &["--settle", "60 s"]);
@@ -121,6 +122,8 @@ fn an_unreachable_board_is_code_4() {
         }
         bench.refused(UNREACHABLE, arguments, &["no board was found on USB", "--board sim"]);
     }
+    // No board has this number, whatever is connected to this machine.
+    bench.refused(UNREACHABLE, "info --board usb:NO-SUCH-BOARD", &["serial number NO-SUCH-BOARD"]);
     bench.refused(UNREACHABLE, "info --board serial:/nowhere/tty", &["serial:/nowhere/tty", "check the path"]);
     // Port 1 of the local machine: nobody listens there, and the answer comes at once.
     bench.refused(UNREACHABLE, "info --board tcp:127.0.0.1:1", &["tcp:127.0.0.1:1", "emulator"]);
@@ -323,7 +326,44 @@ fn info_shows_the_board() {
     let info = bench.json("info --board sim");
     assert_eq!(info["board"], "simulated");
     assert_eq!(info["mode"], "idle");
-    assert!(bench.done("info --board sim").contains("firmware"));
+    assert_eq!(info["protocol_version"], shared::protocol::PROTOCOL_VERSION);
+    assert_eq!((info["reset_cause"].as_str(), &info["last_fault"]), (Some("other"), &Value::Null));
+    assert_eq!(info["links"][0]["telemetry_dropped"], 0);
+    assert_eq!(info["stored"]["state"], "nothing");
+    let text = bench.done("info --board sim");
+    for part in [
+        "firmware      ",
+        "(protocol 2)",
+        "chip          ",
+        "last start    other",
+        "last fault    none",
+        "dropped 0 rows",
+    ] {
+        assert!(text.contains(part), "no {part:?} in: {text}");
+    }
+}
+
+#[test]
+fn monitor_shows_rows_for_people_and_for_programs() {
+    let bench = Bench::new();
+    // Half a second in steps of 50 ms, and what the requests themselves took.
+    let lines = bench.done("monitor --board sim --for 0.5 --json");
+    let rows: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!((8..=10).contains(&rows.len()), "{} rows", rows.len());
+    for row in &rows {
+        assert_eq!((&row["mode"], &row["emergency_stop"]), (&"idle".into(), &false.into()));
+        assert_eq!(numbers(&row["error_counts"]), [0.0, 0.0]);
+        assert!(row["links"][0]["bad_frames"].is_u64() && row["fault"].is_null() && row["pose_known"] == false);
+    }
+    let times: Vec<f64> = rows.iter().map(|row| row["time_s"].as_f64().unwrap()).collect();
+    assert!(times.windows(2).all(|pair| (0.05..0.06).contains(&(pair[1] - pair[0]))), "{times:?}");
+
+    // Without a terminal: a header and plain lines.
+    let lines = bench.done("monitor --board sim --for 0.2");
+    assert!(lines.starts_with("time, s") || lines.trim_start().starts_with("time, s"), "{lines}");
+    assert!(lines.lines().skip(1).all(|line| line.ends_with("idle")) && lines.lines().count() > 3, "{lines}");
+    bench.refused(USAGE, "monitor --board sim --for -1", &["--for -1", "positive time"]);
+    bench.refused(UNREACHABLE, "monitor --board tcp:127.0.0.1:1", &["tcp:127.0.0.1:1"]);
 }
 
 #[test]
@@ -366,7 +406,9 @@ fn identified_and_uploaded_the_arm_tracks_within_one_count() {
     }
     let uploaded = bench.json("upload model.toml --board sim --seed 4");
     assert_eq!(uploaded["active"]["f"], found["f"]);
+    assert_eq!(uploaded["stored"], true);
     assert!(bench.done("upload model.toml --board sim").contains("now active: model.toml"));
+    assert_eq!(bench.json("upload --forget --board sim")["stored"], false);
 
     let tracked = bench.json("track --board sim --seed 4 --model model.toml --out tracked");
     let largest = numbers(&tracked["p"]["max_abs_error_counts"]);

@@ -189,7 +189,7 @@ impl Arm<f64> {
         if f1 <= 0.0 {
             return Err(ArmError::JointInertia { value: f1 });
         }
-        let reach = libm::hypot(f3, f4);
+        let reach = libm::sqrt(f3 * f3 + f4 * f4);
         let determinant_at = |coupling: f64| f1 * (f7 + 2.0 * coupling) - (f2 + coupling) * (f2 + coupling);
         let (low, high) = (determinant_at(-reach), determinant_at(reach));
         // Not `<=`: parameters so large that a determinant overflows to NaN are refused as well.

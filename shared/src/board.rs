@@ -1,8 +1,8 @@
 //! The whole board as a pure state machine: inputs and requests in, outputs and replies out.
 //!
 //! The firmware owns registers and interrupts and decides nothing: once a loop period it samples everything at one
-//! instant, calls [`Board::tick`] and writes the outputs; between ticks it hands over requests one at a time with
-//! [`Board::handle`]. The simulated board does the same around a plant. Both calls take bounded time, allocate
+//! instant, calls [`Board::tick`] and writes the outputs; then it hands over a request with [`Board::handle`], or lets
+//! the board go on with a check. The simulated board does the same around a plant. Both calls take bounded time, allocate
 //! nothing, lock nothing, and panic on nothing.
 //!
 //! # Safety
@@ -11,6 +11,9 @@
 //! - A fault switches off in the tick that sees it. On a PUMA the brakes then engage, because power releases them.
 //!   Everything that stops the arm has a name: [`crate::protocol::Fault`].
 //! - A stop on request slows down along the path and then holds.
+//!
+//! - Parameters are written to the flash memory only while idle, and meanwhile nothing can be armed
+//!   ([`Board::begin_store`]): the amplifiers are never on during a write.
 //!
 //! # What a recorded row means
 //! At a record tick reference and error are those of this instant; the currents are measured at the same instant, so
@@ -21,33 +24,42 @@
 //!
 //! # Time in a tick
 //! One reference under the position loop, two and one inverse dynamics under computed torque; one packed row at a
-//! record tick; while a trajectory is being checked, up to a fifth of a loop period for that. All of it `f32`.
+//! record tick. All of it `f32`. A trajectory is checked in the time that is left ([`Board::advance_check`]): one sample
+//! a tick while the amplifiers are on, a fifth of a loop period otherwise.
 //!
-//! Requests that count in `f64`, which a Cortex-M4 emulates, cost more than reading or switching: staging a model and
-//! beginning a movement some ten thousand cycles, which a loop period of 50 µs does not have to spare; applying a
-//! configuration about a million (counted in an emulated chip), and the last points of a spline some 70 operations a point,
-//! both accepted only while the amplifiers are off, when a late tick matters to nobody.
+//! Requests that are possible while the amplifiers are on cost less than a law of control. What takes `f64`, which a
+//! Cortex-M4 emulates, is found out before, by whoever receives the request ([`Findings`]). Two requests take longer
+//! than a tick, and are accepted only while the amplifiers are off, when a late tick matters to nobody: applying a
+//! configuration, about a million cycles (counted in an emulated chip), and the last points of a spline, some 70
+//! operations in `f64` a point.
 
 mod constants;
 mod encoders;
+mod findings;
+mod kept_fault;
 mod motion;
 mod parameters;
 mod path;
 mod recording;
 mod requests;
 mod session;
+mod storing;
 mod trajectories;
 mod trajectory_check;
 
 use crate::protocol::{
     BoardIdentity, Configuration, EndedBy, Event, Fault, Link, LinkCounters, Mode, Model, ModelSlot, PackedSample,
-    Refusal, Sample, Timing,
+    Refusal, Request, Sample, StoreFailure, Timing,
 };
+use crate::storage::{Found, Parameters as Stored};
 use encoders::Encoders;
+pub use findings::Findings;
+pub use kept_fault::KeptFault;
 use motion::{Motion, Tick};
 use parameters::{Change, Parameters};
 use recording::Recording;
 use session::Session;
+use storing::Storing;
 use trajectories::Trajectories;
 
 /// Code of both converters for 0 V: no current is asked for. 12 bits.
@@ -118,6 +130,7 @@ pub struct Board<R> {
     links: [LinkCounters; 2],
     sessions: [Session; 2],
     parameters: Parameters,
+    storing: Storing,
     trajectories: Trajectories,
     encoders: Encoders,
     motion: Motion,
@@ -139,6 +152,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             links: [LinkCounters::default(); 2],
             sessions: [const { Session::new() }; 2],
             parameters: Parameters::new(),
+            storing: Storing::new(),
             trajectories: Trajectories::new(),
             encoders: Encoders::new(),
             motion: Motion::new(),
@@ -150,17 +164,28 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         }
     }
 
-    /// Restores what was kept over a restart: configuration and active model, both checked like an upload. The pose
+    /// Takes up what was found in the flash memory: parameters, checked like an upload, or why there are none. For use
+    /// before the first tick. What came of it is in [`crate::protocol::Status::stored`].
+    pub fn restore_stored(&mut self, found: &Found) {
+        let accepted = match &found.parameters {
+            Ok(Some(stored)) => self.restore(&stored.configuration, stored.model.as_ref()).is_ok(),
+            Ok(None) | Err(_) => true,
+        };
+        self.storing.restored(found, accepted);
+    }
+
+    /// Takes up configuration and active model, both checked like an upload, as if they were stored already. The pose
     /// stays unknown. For use before the first tick.
     ///
     /// A refused configuration leaves the board without one, a refused model without that.
     pub fn restore(&mut self, configuration: &Configuration, model: Option<&Model>) -> Result<(), Refusal> {
         self.parameters.apply(configuration)?;
         if let Some(model) = model {
-            self.parameters.stage_model(model, model.crc())?;
-            self.parameters.commit_model(model.crc())?;
+            let crc = model.crc();
+            let findings = Findings::of(&Request::StageModel { model: *model, crc });
+            self.parameters.stage_model(model, crc, &findings)?;
+            self.parameters.commit_model(crc)?;
         }
-        self.parameters.revision = 0;
         Ok(())
     }
 
@@ -179,7 +204,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     constants,
                     position_counts: self.encoders.position_counts(),
                     jump,
-                    trajectory: self.trajectories.accepted().map(|(trajectory, _)| trajectory),
+                    trajectory: self.trajectories.accepted(),
                 };
                 match self.motion.step(&tick) {
                     Ok(step) => {
@@ -203,9 +228,6 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     }
                 }
             }
-            if !self.motion.mode().is_moving() {
-                self.trajectories.advance_check(constants);
-            }
         } else {
             // Without constants there is no limit to call a change a jump.
             self.encoders.update(inputs.counts, [i32::MAX; 2]);
@@ -213,6 +235,22 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         let tick = self.tick;
         outputs.event = self.motion.take_mode_change().map(|mode| Event::Mode { tick, mode });
         outputs
+    }
+
+    /// Goes on with what is not urgent: the check of a trajectory. To be called after a tick that is not followed by a
+    /// request, which so much time is left for. Bounded time, no panic.
+    pub fn advance_check(&mut self) {
+        let mode = self.motion.mode();
+        if let Some(applied) = &self.parameters.applied
+            && !mode.is_moving()
+        {
+            self.trajectories.advance_check(&applied.constants, mode.is_powered());
+        }
+    }
+
+    /// What the firmware told about itself.
+    pub fn identity(&self) -> &BoardIdentity {
+        &self.identity
     }
 
     /// What the board is doing.
@@ -226,20 +264,29 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         self.configuration().map_or(DEFAULT_LOOP_PERIOD_NS, |configuration| configuration.common.loop_period_ns)
     }
 
-    /// The applied configuration, to be kept over a restart.
+    /// The applied configuration.
     pub fn configuration(&self) -> Option<&Configuration> {
         self.parameters.applied.as_ref().map(|applied| &applied.configuration)
     }
 
-    /// The active model, to be kept over a restart.
+    /// The active model.
     pub fn active_model(&self) -> Option<&Model> {
-        self.parameters.model(ModelSlot::Active)
+        self.parameters.model(ModelSlot::Active).map(|held| &held.model)
     }
 
-    /// Counts up with every change of [`Self::configuration`] or [`Self::active_model`], from 0 after a start or a
-    /// restore. The firmware stores both when this differs from what it stored, and only when idle.
-    pub fn parameters_revision(&self) -> u32 {
-        self.parameters.revision
+    /// What is to be stored now, if anything is: the applied configuration with the active model, or an inner `None` to
+    /// forget what is stored. From then on until [`Self::end_store`] arming is refused.
+    ///
+    /// To be asked after every tick and request; only in [`Mode::Idle`] there is ever something to store, so nothing is
+    /// written while the amplifiers are on. Takes little time but where there is something: then it copies less than a
+    /// kilobyte.
+    pub fn begin_store(&mut self) -> Option<Option<Stored>> {
+        if self.mode() != Mode::Idle { None } else { self.storing.begin(&self.parameters) }
+    }
+
+    /// What came of the store that was begun.
+    pub fn end_store(&mut self, result: Result<(), StoreFailure>) {
+        self.storing.end(result);
     }
 
     /// Takes in what the firmware measured, to be shown by `info`.

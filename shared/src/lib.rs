@@ -5,6 +5,7 @@
 //! scalar ── arm ── drive ── plant ── replay       the arm, and a model arm repeating a recording
 //!    └──── trajectory ── control ── board         references, control laws, the whole board as a state machine
 //!                protocol ──┘                     what travels between board and host
+//!                storage  ──┘                     what the board keeps over a restart
 //! genetic                                         the genetic algorithm, for any objective
 //! ```
 //!
@@ -22,4 +23,5 @@ pub mod plant;
 pub mod protocol;
 pub mod replay;
 pub mod scalar;
+pub mod storage;
 pub mod trajectory;

@@ -25,12 +25,15 @@ mod model;
 mod recording;
 mod refusal;
 mod status;
+mod stored;
+pub mod usb;
 
 pub use configuration::{
     ComputedTorqueConstants, Configuration, ConfigurationError, ConfigurationPart, CurrentScale, Field, GainLimitCause,
     Joint, JointConstants, LOOP_PERIODS_NS, LoopConstants, PartName,
 };
-pub use fault::Fault;
+pub use fault::{Fault, SourcePlace};
+pub(crate) use frame::{Checksum, crc_32};
 pub use frame::{Decoder, EncodeError, FrameCounters, FrameError, encode_board_message, encode_host_message};
 pub use limits::{ActiveLimit, LimitsActive};
 pub use messages::{
@@ -41,9 +44,10 @@ pub use model::{Model, ModelError, ModelRange};
 pub use recording::{EndedBy, PACKED_SAMPLE_BYTES, PackedSample, ROWS_PER_FRAME, RecordingInfo, RecordingRows, Sample};
 pub use refusal::Refusal;
 pub use status::{BoardIdentity, ControlLaw, Info, Link, LinkCounters, Mode, ResetCause, Status, Timing};
+pub use stored::{StoreFailure, StoreState, StoredParameters};
 
 /// Version of everything in this module but the handshake; raised with every change of a message's layout.
-pub const PROTOCOL_VERSION: u8 = 1;
+pub const PROTOCOL_VERSION: u8 = 2;
 
 /// Header byte of the messages whose layout is frozen for ever: [`Request::Hello`] and [`Reply::WrongVersion`].
 pub const HANDSHAKE_HEADER: u8 = 0;

@@ -11,8 +11,8 @@
 //! measured for Fourier series, 0.0025 for splines, 0.0055 for approaches 3 rad long. A sine with the error of
 //! `micromath` (1e-3) would be 27 counts wrong.
 //!
-//! Cost where only `f32` is in hardware: one evaluation uses no `f64` arithmetic. It takes at most two phases of 32
-//! integer steps, two 64-bit integer divisions, and one sine-cosine pair by polynomial for each harmonic (two for the
+//! Cost where only `f32` is in hardware: one evaluation uses no `f64` arithmetic. It takes at most two phases of
+//! two integer divisions of 32 bits, two divisions of 64 bits, and one sine-cosine pair by polynomial for each harmonic (two for the
 //! paper's movement, none for splines and approaches). No loop depends on time.
 //!
 //! ```

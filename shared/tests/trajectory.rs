@@ -116,6 +116,16 @@ proptest! {
     }
 
     #[test]
+    fn phase_is_exact_for_periods_of_every_length(time_ns: u64, period_ns in 1_u64.., bits in 1_u32..=64, near in 0..4_u64) {
+        let period_ns = (period_ns >> (64 - bits)).max(1);
+        // Any time, and those at the end of a period, where every digit is at its largest.
+        for time_ns in [time_ns, time_ns % period_ns, period_ns.saturating_sub(near + 1)] {
+            let exact = (u128::from(time_ns % period_ns) << 32) / u128::from(period_ns);
+            prop_assert_eq!(u128::from(phase(time_ns, period_ns)), exact);
+        }
+    }
+
+    #[test]
     fn phase_does_not_drift(time_ns in 0_u64..PERIOD_NS, turns in 1_u64..1_000_000_000) {
         prop_assert_eq!(phase(time_ns + turns * PERIOD_NS, PERIOD_NS), phase(time_ns, PERIOD_NS));
     }

@@ -3,28 +3,38 @@
 //! | module | its one job |
 //! |---|---|
 //! | [`nucleo`] | the board: clock, supply, and which pin carries what |
-//! | `part`, `dac` | the microcontroller, with a model of the converter that the emulator lacks |
+//! | `part`, `dac`, [`flash`] | the microcontroller, with models of the converter, the USB core and the flash memory that the emulator lacks |
 //! | `wire` | the serial line |
+//! | [`usb`] | the part's USB core, a cable, and a host that recognises the board |
 //! | `arm` | currents in, encoder edges and measured currents out |
 //! | `bench` | runs all of it in lock-step |
-//! | `conversation`, `link` | the way from there to [`armid::client::Client`] |
-//! | [`observations`] | what is watched from outside meanwhile |
+//! | `command`, `conversation`, `link` | the way from there to [`armid::client::Client`] |
+//! | [`observations`], `checks` | what is watched from outside meanwhile, and what must always hold |
+//! | [`control_time`] | how long the control interrupt took |
+//! | [`damage`] | where in the image to hit |
 //!
 //! The image is the one that is flashed, byte for byte. It sees registers: timers that count encoder edges, converters,
 //! a serial port with DMA, the watchdog. Time is virtual and passes only while the host waits for the board, so a run
 //! depends on nothing but its inputs.
 //!
 //! What this does not show: wait states of the flash memory and instructions of several cycles (the emulated core is
-//! set slower instead), anything analogue, and every difference between the models and silicon.
+//! set slower instead), anything analogue, the electrical side of USB, and every difference between the models and
+//! silicon.
 
 mod arm;
 mod bench;
+mod checks;
+mod command;
+pub mod control_time;
 mod conversation;
 mod dac;
+pub mod damage;
+pub mod flash;
 mod link;
 pub mod nucleo;
 pub mod observations;
 mod part;
+pub mod usb;
 mod wire;
 
 use std::path::{Path, PathBuf};
@@ -33,21 +43,30 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use armid::hidden_robot::HiddenRobot;
+use armid::link::MemoryFlash;
 use armid::robot::Robot;
-use rigless::emulator::{self, Start};
+use rigless::emulator::{self, Host, Start};
 use rigless::image::Image;
 use rigless::session::Session;
 use rigless::time::VirtualNanos;
 
 use arm::SimulatedArm;
 use bench::Bench;
+use command::{Intervention, Until};
+pub use command::{PowerCut, Turn};
 use conversation::Conversation;
 pub use link::EmulatedLink;
 use nucleo::Nucleo;
 use observations::Observations;
+use usb::UsbAction;
+
+use crate::line::Trouble;
 
 /// Names the image to run.
 pub const FIRMWARE_VARIABLE: &str = "ARMID_FIRMWARE";
+
+/// How long a system takes at most until a board that was plugged in has its port.
+const USB_APPEARS_WITHIN: Duration = Duration::from_secs(2);
 
 /// The image that the environment names; nothing where it names none.
 pub fn firmware_from_environment() -> Option<PathBuf> {
@@ -76,9 +95,21 @@ pub struct EmulatedBoard {
 
 impl EmulatedBoard {
     /// Switches on a board with the image at `firmware`, and `hidden` with the drives of `robot` at its terminals. The
-    /// arm rests at zero angles: upper arm horizontal, forearm up.
+    /// arm rests at zero angles: upper arm horizontal, forearm up. The board has no parameters, but a memory that takes
+    /// some without being erased first.
     pub fn start(firmware: &Path, robot: &Robot, hidden: &HiddenRobot) -> Result<Self, EmulationError> {
-        let images = [Image::read(firmware, None)?];
+        Self::start_with(firmware, robot, hidden, &MemoryFlash::default())
+    }
+
+    /// As [`Self::start`], with what `flash` holds.
+    pub fn start_with(
+        firmware: &Path,
+        robot: &Robot,
+        hidden: &HiddenRobot,
+        flash: &MemoryFlash,
+    ) -> Result<Self, EmulationError> {
+        let parameters = Image::new(Path::new("parameters"), flash.to_bytes(), Some(flash::PARAMETERS.start))?;
+        let images = [Image::read(firmware, None)?, parameters];
         let session = Session::new(Box::new(Nucleo::new()?), 0, VirtualNanos(0))?;
         let (command_sender, commands) = mpsc::channel();
         let (answers, answer_receiver) = mpsc::channel();
@@ -95,7 +126,33 @@ impl EmulatedBoard {
 
     /// Its serial line.
     pub fn link(&self) -> EmulatedLink {
-        EmulatedLink::new(self.conversation.clone())
+        EmulatedLink::new(self.conversation.clone(), shared::protocol::Link::Serial)
+    }
+
+    /// Its USB port, opened by the first use that waits for it.
+    pub fn usb_link(&self) -> EmulatedLink {
+        self.plan_on_usb(Duration::ZERO, UsbAction::Open(true));
+        let mut link = EmulatedLink::new(self.conversation.clone(), shared::protocol::Link::Usb);
+        // Without a board at the other end, the first use says so.
+        let _ = armid::link::Link::reopen(&mut link, USB_APPEARS_WITHIN);
+        link
+    }
+
+    /// Lets something happen on USB so much later.
+    pub fn plan_on_usb(&self, after: Duration, action: UsbAction) {
+        self.with(|conversation| conversation.plan_on_usb(after, action));
+    }
+
+    /// Pulls the USB cable now and plugs it in again so much later.
+    pub fn unplug_usb_for(&self, duration: Duration) {
+        self.plan_on_usb(Duration::ZERO, UsbAction::Plug(false));
+        self.plan_on_usb(duration, UsbAction::Plug(true));
+    }
+
+    /// The program at the USB port stops reading now and goes on so much later.
+    pub fn stall_usb_for(&self, duration: Duration) {
+        self.plan_on_usb(Duration::ZERO, UsbAction::Stall(true));
+        self.plan_on_usb(duration, UsbAction::Stall(false));
     }
 
     /// The board's time.
@@ -106,12 +163,49 @@ impl EmulatedBoard {
     /// Lets the board run with nobody at the line.
     pub fn run(&self, duration: Duration) {
         // An emulation that has ended says why in `finish`.
-        let _ = self.with(|conversation| conversation.run(duration, false));
+        let _ = self.with(|conversation| conversation.run(duration, Until::TimeIsUp));
     }
 
     /// Presses or releases the emergency stop.
     pub fn set_emergency_stop(&self, pressed: bool) {
-        self.with(|conversation| conversation.set_emergency_stop(pressed));
+        self.with(|conversation| conversation.next().emergency_stop = pressed);
+    }
+
+    /// Puts the line in trouble for so long, in both directions.
+    pub fn disturb_line(&self, trouble: Trouble, duration: Duration) {
+        self.with(|conversation| {
+            let until = conversation.now() + duration;
+            conversation.next().trouble = Some((trouble, until.as_nanos() as u64));
+        });
+    }
+
+    /// Turns a motor by hand, with the arm uncoupled, as time goes on.
+    pub fn turn_by_hand(&self, turn: Turn) {
+        self.with(|conversation| conversation.next().turn = Some(turn));
+    }
+
+    /// Does something to the chip itself, between two instructions, and returns what that gives. Panics when the
+    /// emulation has ended.
+    pub fn intervene<T: Send + 'static>(
+        &self,
+        deed: impl FnOnce(&mut Session<Nucleo>, &mut dyn Host, VirtualNanos) -> T + Send + 'static,
+    ) -> T {
+        let (sender, result) = mpsc::channel();
+        self.with(|conversation| {
+            // Before the first instant there is no answer to wait for.
+            let duration = Duration::from_nanos(u64::from(conversation.now().is_zero()));
+            conversation.next().intervention = Some(Intervention(Box::new(move |session, host, at| {
+                // Nobody waits any more where the host's thread has gone.
+                let _ = sender.send(deed(session, host, at));
+            })));
+            let _ = conversation.run(duration, Until::TimeIsUp);
+        });
+        result.recv().expect("an emulation that has not ended")
+    }
+
+    /// Cuts the power for a millisecond.
+    pub fn cut_power(&self, when: PowerCut) {
+        self.with(|conversation| conversation.cut_power(when));
     }
 
     /// Switches the board off and says what was watched.

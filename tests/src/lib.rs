@@ -4,8 +4,13 @@
 //! had the same mistake, an identification could look perfect and still be wrong.
 //!
 //! [`emulated_board`] runs the real firmware image on an emulated microcontroller.
+//!
+//! [`scenarios`] are what happens to a board, whichever board: that one, or the simulated board of the host tool.
 
 #![forbid(unsafe_code)]
 
+pub mod board_server;
 pub mod emulated_board;
+pub mod line;
+pub mod scenarios;
 pub mod simulator;

@@ -125,7 +125,7 @@ impl Client {
         plan: &MovementPlan,
         progress: &mut dyn FnMut(MovementProgress),
     ) -> Result<Movement, ClientError> {
-        self.command(Request::Arm)?;
+        self.arm()?;
         let request = Request::Run { law: plan.law, stream: true, settle_ns: plan.settle_ns };
         let started = match self.request(request) {
             Ok(Reply::Started { movement, rows, .. }) => (movement, rows),
@@ -143,8 +143,15 @@ impl Client {
             }
             Ok((info, self.read_recording(&info, progress)?))
         });
+        let interrupted = self.interrupt.asked() > 0;
         Ok(match recorded {
-            Ok((info, samples)) => compare(info, samples, &stream),
+            Ok((info, samples)) => {
+                let mut movement = compare(info, samples, &stream);
+                if interrupted && info.ended == Some(EndedBy::Stopped) {
+                    movement.partial = Some("it was interrupted at the computer (Ctrl-C)".into());
+                }
+                movement
+            }
             Err(error) => Movement {
                 streamed_rows: stream.len() as u32,
                 samples: stream.into_values().collect(),
@@ -171,7 +178,13 @@ impl Client {
         stream: &mut BTreeMap<u32, Sample>,
         progress: &mut dyn FnMut(MovementProgress),
     ) -> Result<RecordingInfo, ClientError> {
+        let mut heeded = 0;
         loop {
+            let asked = self.interrupt.asked();
+            if asked > heeded {
+                heeded = asked;
+                self.command(if asked == 1 { Request::Stop } else { Request::Disarm })?;
+            }
             let until = self.now() + KEEP_ALIVE;
             let mut over = false;
             while let Some(message) = self.next_unasked(until)? {
@@ -194,7 +207,8 @@ impl Client {
             // limits see to it that a movement ends.
             let status = self.status()?;
             let info = status.recording;
-            if info.movement == movement && info.ended.is_some() {
+            // Stopped, the arm is still slowing down: switched off now, it would be caught by the brakes.
+            if info.movement == movement && info.ended.is_some() && !status.mode.is_moving() {
                 // Rows that were on the way when the end was told have arrived before this answer.
                 for message in self.unasked.drain(..) {
                     if let BoardMessage::Telemetry { movement: of, sample } = message
@@ -209,6 +223,22 @@ impl Client {
                 return Err(ClientError::Unexpected { request: "running" });
             }
         }
+    }
+
+    /// The last movement, from the board's memory; nothing where the board has recorded none since its start.
+    pub fn last_movement(
+        &mut self,
+        progress: &mut dyn FnMut(MovementProgress),
+    ) -> Result<Option<Movement>, ClientError> {
+        let info = match self.request(Request::RecordingInfo)? {
+            Reply::Recording(info) => info,
+            _ => return Err(ClientError::Unexpected { request: "the question for the recording" }),
+        };
+        if info.rows == 0 {
+            return Ok(None);
+        }
+        let samples = self.read_recording(&info, progress)?;
+        Ok(Some(compare(info, samples, &BTreeMap::new())))
     }
 
     /// Reads the whole recording from the board's memory.

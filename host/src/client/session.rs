@@ -2,9 +2,16 @@
 
 use std::time::Duration;
 
-use shared::protocol::{Configuration, Mode, Model, ModelSlot, Reply, Request, Status};
+use shared::protocol::{
+    Configuration, Mode, Model, ModelSlot, Refusal, Reply, Request, Status, StoreState, StoredParameters,
+};
 
 use super::{Client, ClientError};
+
+/// How often to ask whether the board has stored its parameters.
+const STORING_POLL: Duration = Duration::from_millis(10);
+/// How long storing may take: an erasure of 4 s at worst, and the record.
+const STORING_LIMIT: Duration = Duration::from_secs(6);
 
 /// How the pose of the arm is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,6 +129,32 @@ impl Client {
         let active = self.model_reply(Request::ReadModel(ModelSlot::Active), "reading the model back")?;
         let active = self.compare(model, active)?;
         Ok(ModelReceipt { active, crc, replaced_crc })
+    }
+
+    /// Arms the board; where it is just storing parameters, as soon as that is done.
+    pub fn arm(&mut self) -> Result<(), ClientError> {
+        let until = self.now() + STORING_LIMIT;
+        loop {
+            match self.command(Request::Arm) {
+                Err(ClientError::Refused { refusal: Refusal::Storing, .. }) if self.now() < until => {
+                    self.wait(STORING_POLL)?;
+                }
+                result => return result,
+            }
+        }
+    }
+
+    /// Waits until the board has stored what is to be stored, and says what came of it. Still
+    /// [`StoreState::Pending`] where it takes too long, which it does while the board is not idle.
+    pub fn wait_until_stored(&mut self) -> Result<StoredParameters, ClientError> {
+        let until = self.now() + STORING_LIMIT;
+        loop {
+            let stored = self.status()?.stored;
+            if stored.state != StoreState::Pending || self.now() >= until {
+                return Ok(stored);
+            }
+            self.wait(STORING_POLL)?;
+        }
     }
 
     /// The model the board runs computed torque with, if any.

@@ -46,7 +46,7 @@ impl RobotArguments {
 /// Which board, and what may be done to get it going.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArguments {
-    /// Board: usb, tcp:HOST:PORT, serial:PATH[@BAUD] or sim; without it, one found on USB
+    /// Board: usb, usb:SERIAL, tcp:HOST:PORT, serial:PATH[@BAUD] or sim; without it, the one found on USB
     #[arg(long, value_name = "BOARD", env = "ARMID_BOARD")]
     pub board: Option<Address>,
     /// Seed of the simulated board's hidden robot and noise
@@ -78,7 +78,7 @@ impl FromStr for JointAngles {
 impl BoardArguments {
     /// Connects to the board.
     pub fn connect(&self, robot: &Robot) -> Result<Client, CommandError> {
-        let address = self.board.clone().unwrap_or(Address::Usb);
+        let address = self.board.clone().unwrap_or(Address::ANY_USB);
         Ok(Client::connect(link::open(&address, robot, self.seed)?)?)
     }
 
@@ -216,13 +216,29 @@ pub fn check_outputs<'a, 'b>(
     Ok(())
 }
 
+/// What may happen to a recording that is there already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// It stays: it is of a movement that nobody can repeat exactly.
+    Keep,
+    /// It is replaced, because that was asked for or because the same command makes it again.
+    Replace,
+}
+
 /// A recording about to be written and its sidecar, neither of which may replace a file of another kind.
 pub fn check_recording_outputs<'a>(
     recording: &Path,
+    existing: Existing,
     inputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<(), CommandError> {
     let sidecar = Recording::manifest_path(recording);
     check_outputs([recording, sidecar.as_path()], inputs)?;
+    if existing == Existing::Keep && recording.exists() {
+        return Err(CommandError::Usage(format!(
+            "{} exists; choose another --out, or replace it with --force",
+            recording.display()
+        )));
+    }
     if sidecar.is_file() && Manifest::read(&sidecar).is_err() {
         return Err(CommandError::Usage(format!(
             "{} exists and is no recording's manifest, but the manifest of {} would go there; choose another --out",

@@ -116,7 +116,7 @@ impl Demo {
         let movement = TrajectoryArguments::paper(period_s).prepare(robot)?;
         let run = Run { robot, movement: &movement, mode, seed: Some(self.seed), path: self.out.join(file) };
         let ran = run.on(client)?;
-        ran.recording.write(&ran.recording.path, robot)?;
+        ran.write(robot)?;
         ran.whole()
     }
 

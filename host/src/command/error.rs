@@ -40,6 +40,14 @@ pub enum CommandError {
         /// The board went away.
         board_lost: bool,
     },
+    /// The firmware image.
+    #[cfg(feature = "flash")]
+    #[error(transparent)]
+    Image(#[from] armid::firmware_image::ImageError),
+    /// The debug probe.
+    #[cfg(feature = "flash")]
+    #[error(transparent)]
+    Probe(#[from] super::flash::ProbeError),
     /// A result that is not good enough.
     #[error("{0}")]
     Failed(String),
@@ -69,6 +77,8 @@ impl CommandError {
             Self::Setup(_) => BAD_FILE,
             Self::Session(error) => match error {
                 SessionError::Client(error) => match error {
+                    // There are boards; which is meant the command line must say.
+                    ClientError::Link(LinkError::SeveralBoards { .. }) => USAGE,
                     ClientError::Link(_) | ClientError::NoAnswer { .. } | ClientError::WrongVersion { .. } => {
                         UNREACHABLE
                     }
@@ -77,6 +87,14 @@ impl CommandError {
                 },
                 SessionError::InFault(_) | SessionError::PoseUnknown | SessionError::Busy { .. } => UNSAFE,
                 SessionError::ReadBack { .. } => FAILED,
+            },
+            #[cfg(feature = "flash")]
+            Self::Image(_) => BAD_FILE,
+            #[cfg(feature = "flash")]
+            Self::Probe(error) => match error {
+                super::flash::ProbeError::Several { .. } => USAGE,
+                super::flash::ProbeError::Flash { .. } => FAILED,
+                _ => UNREACHABLE,
             },
             Self::Incomplete { board_lost: true, .. } => UNREACHABLE,
             Self::Calibrate(_) | Self::Identify(_) | Self::Incomplete { .. } | Self::Failed(_) | Self::Output(_) => {

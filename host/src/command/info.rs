@@ -2,7 +2,7 @@
 
 use clap::Args;
 use serde_json::json;
-use shared::protocol::{Link, Mode};
+use shared::protocol::{Fault, Link, Mode, StoreState};
 
 use super::CommandError;
 use super::common::{BoardArguments, RobotArguments, print, print_json};
@@ -36,7 +36,8 @@ impl Info {
         let limits: Vec<&str> = status.limits_active.iter().map(|limit| limit.name()).collect();
         let chip_id: String = identity.chip_id.iter().map(|byte| format!("{byte:02x}")).collect();
         let crc = |crc: Option<u32>| crc.map(|crc| format!("{crc:08x}"));
-        let recording = status.recording;
+        let (recording, stored) = (status.recording, status.stored);
+        let named = |fault: Fault| json!({"name": fault.name(), "message": fault.to_string()});
         if self.json {
             return print_json(&json!({
                 "address": client.address(),
@@ -46,10 +47,10 @@ impl Info {
                 "protocol_version": info.protocol_version,
                 "chip_id": chip_id,
                 "chip_revision": identity.chip_revision,
-                "reset_cause": format!("{:?}", identity.reset_cause),
+                "reset_cause": identity.reset_cause.name(),
                 "mode": status.mode.name(),
-                "fault": fault.map(|fault| json!({"name": fault.name(), "message": fault.to_string()})),
-                "last_fault": info.last_fault.map(|fault| fault.to_string()),
+                "fault": fault.map(named),
+                "last_fault": info.last_fault.map(named),
                 "pose_known": status.pose_known,
                 "position_counts": status.position_counts,
                 "current_a": status.current_a,
@@ -58,6 +59,21 @@ impl Info {
                 "configuration_crc": crc(status.configuration_crc),
                 "active_model_crc": crc(status.active_model_crc),
                 "staged_model_crc": crc(status.staged_model_crc),
+                "stored": {
+                    "state": match stored.state {
+                        StoreState::Nothing => "nothing",
+                        StoreState::Stored => "stored",
+                        StoreState::Pending => "pending",
+                        StoreState::Failed(_) => "failed",
+                    },
+                    "failure": match stored.state {
+                        StoreState::Failed(failure) => Some(failure.to_string()),
+                        _ => None,
+                    },
+                    "configuration_crc": crc(stored.configuration_crc),
+                    "model_crc": crc(stored.model_crc),
+                    "damaged_records": stored.damaged_records,
+                },
                 "recording": {"movement": recording.movement, "rows": recording.rows,
                               "planned_rows": recording.planned_rows, "capacity": info.recording_capacity},
                 "timing": {
@@ -85,7 +101,7 @@ impl Info {
                 info.protocol_version
             ),
             format!("chip          {chip_id}, revision {:#06x}", identity.chip_revision),
-            format!("last start    {:?}", identity.reset_cause),
+            format!("last start    {}", identity.reset_cause.name()),
             format!("mode          {}", status.mode.name()),
         ];
         if let Some(fault) = fault {
@@ -105,6 +121,19 @@ impl Info {
                 "model         active {}, staged {}",
                 or_none(crc(status.active_model_crc)),
                 or_none(crc(status.staged_model_crc))
+            ),
+            format!(
+                "stored        {}{}",
+                match stored.state {
+                    StoreState::Nothing => "nothing".into(),
+                    StoreState::Stored => "the same, kept over a restart".into(),
+                    StoreState::Pending => "not yet; the board stores them by itself when it is idle".into(),
+                    StoreState::Failed(failure) => format!("failed: {failure}"),
+                },
+                match stored.damaged_records {
+                    0 => String::new(),
+                    count => format!("; {count} damaged record(s): the last store was cut, older parameters are back"),
+                }
             ),
             format!(
                 "recording     movement {}, {} of {} rows; room for {}",

@@ -2,19 +2,21 @@
 
 use std::path::PathBuf;
 
-use armid::capture::tracking_quality;
+use armid::board_setup;
+use armid::capture::{self, Circumstances, tracking_quality};
 use armid::recording::{Mode, Recording};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::CommandError;
 use super::common::{
-    BoardArguments, RobotArguments, TrajectoryArguments, check_recording_outputs, print, print_json, read_model,
+    BoardArguments, Existing, RobotArguments, TrajectoryArguments, check_recording_outputs, print, print_json,
+    read_model,
 };
-use super::run::{Ran, Run};
+use super::run::Run;
+use super::{CommandError, progress};
 
-const IF_THE_LINK_BREAKS: &str = "Should this tool end or the cable be pulled during a movement, the board switches off \
-    within a second; what was received is written and marked as partial in the manifest.";
+const IF_THE_LINK_BREAKS: &str = "Ctrl-C stops the arm along its path, Ctrl-C again switches it off. Should the cable be pulled during a movement, the \
+    board switches off within a second. What was received is written and marked as partial in the manifest.";
 
 /// Arguments of `record`.
 #[derive(Debug, Args)]
@@ -35,6 +37,12 @@ pub struct Record {
     /// Recording to write; its manifest goes beside it with the ending .toml
     #[arg(long, value_name = "FILE", default_value = "recording.csv")]
     out: PathBuf,
+    /// Replace a recording that is there already
+    #[arg(long)]
+    force: bool,
+    /// Move nothing: read the board's last recording from its memory once more
+    #[arg(long, conflicts_with_all = ["trajectory", "period", "settle", "model", "mode", "pose"])]
+    last: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -60,15 +68,18 @@ impl From<Controller> for Mode {
 
 impl Record {
     pub fn run(&self) -> Result<(), CommandError> {
+        if self.last {
+            return self.read_last();
+        }
         let robot = self.robot.read_for_motion()?;
         let model = self.model.as_deref().map(|path| read_model(path, &robot)).transpose()?;
         let movement = self.trajectory.prepare(&robot)?;
         let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
-        check_recording_outputs(&self.out, inputs.into_iter().flatten())?;
+        check_recording_outputs(&self.out, self.existing(), inputs.into_iter().flatten())?;
         movement.advise_margins();
         let mut client = self.board.connect_ready(&robot)?;
         if let Some(model) = &model {
-            client.upload(&armid::board_setup::board_model(&robot, model)?)?;
+            client.upload(&board_setup::board_model(&robot, model)?)?;
         }
         let run = Run {
             robot: &robot,
@@ -78,21 +89,61 @@ impl Record {
             path: self.out.clone(),
         };
         let ran = run.on(&mut client)?;
-        ran.recording.write(&self.out, &robot)?;
-        self.report(&ran)?;
+        ran.write(&robot)?;
+        self.report(&ran.recording)?;
         ran.whole().map(drop)
     }
 
-    fn report(&self, ran: &Ran) -> Result<(), CommandError> {
-        let samples = ran.recording.samples();
-        let quality = tracking_quality(&ran.recording);
+    fn existing(&self) -> Existing {
+        if self.force { Existing::Replace } else { Existing::Keep }
+    }
+
+    /// The board's memory outlives a link that broke and a disk that was full.
+    fn read_last(&self) -> Result<(), CommandError> {
+        let robot = self.robot.read()?;
+        check_recording_outputs(&self.out, self.existing(), self.robot.robot.as_deref())?;
+        let mut client = self.board.connect(&robot)?;
+        let mut show = progress::of_movement("last movement");
+        let movement = client.last_movement(&mut show)?;
+        let Some((movement, info)) = movement.and_then(|movement| movement.recording.map(|info| (movement, info)))
+        else {
+            return Err(CommandError::Failed("the board holds no recording: none was made since it started".into()));
+        };
+        let expected = board_setup::configuration(&robot)?.crc();
+        if info.configuration_crc != expected {
+            return Err(CommandError::Usage(format!(
+                "the movement was made with other robot constants (CRC {:08x}) than those of the robot file (CRC \
+                 {expected:08x}); pass the one it was made with as --robot",
+                info.configuration_crc
+            )));
+        }
+        let board = client.info().clone();
+        let circumstances = Circumstances {
+            robot: &robot,
+            mode: if info.model_crc.is_some() { Mode::Ctc } else { Mode::P },
+            trajectory: format!("read again from the board: movement {}", info.movement),
+            board: &board,
+            seed: None,
+        };
+        let recording = capture::recording(&movement, &circumstances, self.out.clone());
+        recording.write(&self.out, &robot)?;
+        self.report(&recording)
+    }
+
+    fn report(&self, recording: &Recording) -> Result<(), CommandError> {
+        let partial = recording.manifest.as_ref().and_then(|manifest| manifest.partial.as_deref());
+        let samples = recording.samples();
+        if samples == 0 {
+            return Ok(());
+        }
+        let quality = tracking_quality(recording);
         let max: Vec<f64> = quality.iter().map(|joint| joint.max_abs_error_counts).collect();
         let rms: Vec<f64> = quality.iter().map(|joint| joint.rms_error_counts).collect();
         let manifest = Recording::manifest_path(&self.out);
         if self.json {
             return print_json(&json!({
                 "recording": self.out, "manifest": manifest, "samples": samples,
-                "partial": ran.partial(), "max_abs_error_counts": max, "rms_error_counts": rms,
+                "partial": partial, "max_abs_error_counts": max, "rms_error_counts": rms,
             }));
         }
         let joints: Vec<String> =
@@ -100,7 +151,7 @@ impl Record {
         print(format!(
             "{}: {samples} samples{}; tracking error in counts: {}\n{}: manifest",
             self.out.display(),
-            if ran.partial().is_some() { " (partial)" } else { "" },
+            if partial.is_some() { " (partial)" } else { "" },
             joints.join(" / "),
             manifest.display()
         ))

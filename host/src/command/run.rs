@@ -9,7 +9,7 @@ use armid::robot::Robot;
 use shared::protocol::{ControlLaw, LimitsActive};
 
 use super::common::{Prepared, advise};
-use super::{CommandError, progress};
+use super::{CommandError, interrupt, progress};
 
 /// A movement to run.
 pub struct Run<'a> {
@@ -33,7 +33,10 @@ impl Run<'_> {
         };
         let plan = MovementPlan { law, settle_ns: self.movement.settle_ns };
         let mut show = progress::of_movement(&self.movement.name);
-        let movement = client.run(&plan, &mut show)?;
+        client.end_movements_on(interrupt::watch(&CTRL_C));
+        let movement = client.run(&plan, &mut show);
+        interrupt::leave();
+        let movement = movement?;
         report(&movement);
         let board = client.info().clone();
         let circumstances = Circumstances {
@@ -44,9 +47,20 @@ impl Run<'_> {
             seed: self.seed,
         };
         let recording = capture::recording(&movement, &circumstances, self.path.clone());
-        Ok(Ran { recording, board_lost: movement.recording.is_none() })
+        // What is still in the memory of a simulated board ends with this process.
+        let reread_from = Some(client.address()).filter(|address| address != SIMULATED);
+        Ok(Ran { recording, board_lost: movement.recording.is_none(), reread_from })
     }
 }
+
+/// What the first and the second Ctrl-C do during a movement.
+const CTRL_C: [&str; 2] = [
+    "stopping along the path; press Ctrl-C again to switch off at once",
+    "switching off; press Ctrl-C again to end without the recording",
+];
+
+/// Address of a simulated board.
+const SIMULATED: &str = "sim";
 
 /// What running a movement brought.
 pub struct Ran {
@@ -54,12 +68,30 @@ pub struct Ran {
     pub recording: Recording,
     /// The board went away before the end.
     board_lost: bool,
+    /// The board that still has it in its memory, if there is one.
+    reread_from: Option<String>,
 }
 
 impl Ran {
     /// Why the recording is only part of its movement, if it is.
     pub fn partial(&self) -> Option<&str> {
         self.recording.manifest.as_ref()?.partial.as_deref()
+    }
+
+    /// Writes the recording; one without a row is left out. Where that fails, tells how to get at the rows again.
+    pub fn write(&self, robot: &Robot) -> Result<(), CommandError> {
+        if self.recording.samples() == 0 {
+            return Ok(());
+        }
+        self.recording.write(&self.recording.path, robot).map_err(|error| {
+            if let Some(address) = &self.reread_from {
+                advise(format!(
+                    "the board at {address} keeps the recording until its next movement or reset; make room, then read it \
+                     again with `armid record --last --out FILE` and the same --board and --robot"
+                ));
+            }
+            error.into()
+        })
     }
 
     /// The recording; an error where the movement did not come to its end.

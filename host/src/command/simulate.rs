@@ -11,7 +11,8 @@ use serde_json::json;
 
 use super::CommandError;
 use super::common::{
-    RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, print, print_json, read_model,
+    Existing, RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, print, print_json,
+    read_model,
 };
 use super::record::Controller;
 use super::run::Run;
@@ -53,7 +54,7 @@ impl Simulate {
         let configuration = armid::board_setup::configuration(&robot)?;
         let inputs = [&self.robot.robot, &self.model, &self.controller_model].map(Option::as_deref);
         let inputs = || inputs.into_iter().chain([self.trajectory.file()]).flatten();
-        check_recording_outputs(&self.out, inputs())?;
+        check_recording_outputs(&self.out, Existing::Replace, inputs())?;
         if let Some(truth) = &self.truth {
             check_outputs([truth.as_path()], inputs())?;
         }
@@ -82,7 +83,7 @@ impl Simulate {
             path: self.out.clone(),
         };
         let ran = run.on(&mut client)?;
-        ran.recording.write(&self.out, &robot)?;
+        ran.write(&robot)?;
         if let Some(path) = &self.truth {
             truth_model.write(path)?;
         }

@@ -10,7 +10,8 @@ use serde_json::{Value, json};
 
 use super::CommandError;
 use super::common::{
-    BoardArguments, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, print, print_json, read_model,
+    BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, print, print_json,
+    read_model,
 };
 use super::run::Run;
 
@@ -34,6 +35,9 @@ pub struct Track {
     /// Folder to write the two recordings p.csv and ctc.csv into
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
+    /// Replace recordings that are there already
+    #[arg(long)]
+    force: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -47,8 +51,9 @@ impl Track {
         let path = |mode: Mode| self.out.clone().unwrap_or_default().join(format!("{mode}.csv"));
         if self.out.is_some() {
             let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
+            let existing = if self.force { Existing::Replace } else { Existing::Keep };
             for mode in [Mode::P, Mode::Ctc] {
-                check_recording_outputs(&path(mode), inputs.into_iter().flatten())?;
+                check_recording_outputs(&path(mode), existing, inputs.into_iter().flatten())?;
             }
         }
         movement.advise_margins();
@@ -71,7 +76,7 @@ impl Track {
                 Run { robot: &robot, movement: &movement, mode, seed: self.board.simulated_seed(), path: path(mode) };
             let ran = run.on(&mut client)?;
             if self.out.is_some() {
-                ran.recording.write(&ran.recording.path, &robot)?;
+                ran.write(&robot)?;
             }
             recordings.push(ran.whole()?);
         }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use armid::board_setup::board_model;
 use clap::Args;
 use serde_json::json;
+use shared::protocol::{Request, StoreState, StoredParameters};
 
 use super::CommandError;
 use super::common::{BoardArguments, RobotArguments, print, print_json, read_model};
@@ -13,11 +14,14 @@ use super::common::{BoardArguments, RobotArguments, print, print_json, read_mode
 #[derive(Debug, Args)]
 pub struct Upload {
     /// Model file
-    #[arg(value_name = "MODEL", required_unless_present = "model")]
+    #[arg(value_name = "MODEL", required_unless_present_any = ["model", "forget"])]
     file: Option<PathBuf>,
     /// Model file, as an option
     #[arg(long, value_name = "FILE", conflicts_with = "file")]
     model: Option<PathBuf>,
+    /// Upload nothing: make the board forget the robot constants and the model it keeps over a restart
+    #[arg(long, conflicts_with_all = ["file", "model"])]
+    forget: bool,
     #[command(flatten)]
     robot: RobotArguments,
     #[command(flatten)]
@@ -29,6 +33,9 @@ pub struct Upload {
 
 impl Upload {
     pub fn run(&self) -> Result<(), CommandError> {
+        if self.forget {
+            return self.forget();
+        }
         let robot = self.robot.read_for_motion()?;
         let Some(path) = self.file.as_ref().or(self.model.as_ref()) else {
             return Err(CommandError::Usage("give a model file".into()));
@@ -36,6 +43,7 @@ impl Upload {
         let model = read_model(path, &robot)?;
         let mut client = self.board.connect_ready(&robot)?;
         let receipt = client.upload(&board_model(&robot, &model)?)?;
+        check_stored(client.wait_until_stored()?)?;
         let active = &receipt.active;
         let hexadecimal = |crc: u32| format!("{crc:08x}");
         if self.json {
@@ -43,6 +51,7 @@ impl Upload {
                 "active": {"f": active.f, "viscous_nm_s_per_rad": active.viscous_friction_nm_s_per_rad,
                            "coulomb_nm": active.coulomb_friction_nm, "crc": hexadecimal(receipt.crc)},
                 "replaced_crc": receipt.replaced_crc.map(hexadecimal),
+                "stored": true,
             }));
         }
         let f: Vec<String> =
@@ -54,7 +63,8 @@ impl Upload {
         };
         print(format!(
             "now active: {} (CRC {:08x}, read back from the board), {replaced}\n{}\nviscous friction {:.4e}, {:.4e} N m \
-             s/rad; Coulomb friction {:.4}, {:.4} N m",
+             s/rad; Coulomb friction {:.4}, {:.4} N m\nstored with the robot constants: the board starts with both from \
+             now on",
             path.display(),
             receipt.crc,
             f.join(", "),
@@ -64,4 +74,24 @@ impl Upload {
             active.coulomb_friction_nm[1],
         ))
     }
+    /// The board forgets what it keeps; nothing else about it changes.
+    fn forget(&self) -> Result<(), CommandError> {
+        let mut client = self.board.connect(&self.robot.read()?)?;
+        client.command(Request::ForgetParameters)?;
+        check_stored(client.wait_until_stored()?)?;
+        if self.json {
+            return print_json(&json!({"stored": false}));
+        }
+        print("the board starts without robot constants and model from now on; what is active stays so until then")
+    }
+}
+
+/// Parameters that are active but not kept are half an upload.
+fn check_stored(stored: StoredParameters) -> Result<(), CommandError> {
+    let why = match stored.state {
+        StoreState::Stored | StoreState::Nothing => return Ok(()),
+        StoreState::Pending => "the board is not idle, and stores only then".into(),
+        StoreState::Failed(failure) => failure.to_string(),
+    };
+    Err(CommandError::Failed(format!("done, but not stored, so a restart undoes it: {why}")))
 }

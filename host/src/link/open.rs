@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use super::{Link, LinkError, SerialLink, SimulatedBoard, TcpLink};
+use super::{Link, LinkError, SerialLink, SimulatedBoard, TcpLink, usb};
 use crate::robot::Robot;
 
 /// Baud rate of a serial line where none is given: what the firmware sets its USART to.
@@ -11,8 +11,11 @@ const DEFAULT_BAUD: u32 = 1_000_000;
 /// Where a board is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Address {
-    /// On USB.
-    Usb,
+    /// On USB: the one with this serial number, or the only one.
+    Usb {
+        /// Serial number of the board.
+        serial_number: Option<String>,
+    },
     /// At a TCP address: an emulated board, or a serial server.
     Tcp(String),
     /// On a serial line.
@@ -28,8 +31,18 @@ pub enum Address {
 
 /// A board's name that is none.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("\"{0}\" names no board; use usb, tcp:HOST:PORT, serial:PATH, serial:PATH@BAUD or sim")]
+#[error("\"{0}\" names no board; use usb, usb:SERIAL, tcp:HOST:PORT, serial:PATH, serial:PATH@BAUD or sim")]
 pub struct AddressError(String);
+
+impl Address {
+    /// The only board on USB: what is meant where no board is named.
+    pub const ANY_USB: Self = Self::Usb { serial_number: None };
+
+    /// The serial line at `path`, at the firmware's baud rate.
+    pub fn serial(path: String) -> Self {
+        Self::Serial { path, baud: DEFAULT_BAUD }
+    }
+}
 
 impl FromStr for Address {
     type Err = AddressError;
@@ -52,8 +65,12 @@ impl FromStr for Address {
                 Ok(Self::Serial { path: path.into(), baud })
             };
         }
+        if let Some(serial_number) = text.strip_prefix("usb:") {
+            let serial_number = Some(serial_number.to_string());
+            return if serial_number.as_deref() == Some("") { Err(refuse()) } else { Ok(Self::Usb { serial_number }) };
+        }
         match text {
-            "usb" => Ok(Self::Usb),
+            "usb" => Ok(Self::ANY_USB),
             "sim" => Ok(Self::Simulated),
             _ => Err(refuse()),
         }
@@ -63,7 +80,10 @@ impl FromStr for Address {
 /// Opens the link to the board at `address`. A simulated board's hidden robot is drawn from `seed` around `robot`.
 pub fn open(address: &Address, robot: &Robot, seed: u64) -> Result<Box<dyn Link>, LinkError> {
     match address {
-        Address::Usb => Err(LinkError::NoBoard),
+        Address::Usb { serial_number } => {
+            let board = usb::choose(&usb::ports(), serial_number.as_deref())?;
+            Ok(Box::new(SerialLink::open_usb(&board)?))
+        }
         Address::Tcp(address) => Ok(Box::new(TcpLink::connect(address)?)),
         Address::Serial { path, baud } => Ok(Box::new(SerialLink::open(path, *baud)?)),
         Address::Simulated => Ok(Box::new(SimulatedBoard::hidden(robot, seed))),
@@ -77,7 +97,8 @@ mod tests {
     #[test]
     fn names_are_read() {
         assert_eq!("sim".parse(), Ok(Address::Simulated));
-        assert_eq!("usb".parse(), Ok(Address::Usb));
+        assert_eq!("usb".parse(), Ok(Address::ANY_USB));
+        assert_eq!("usb:12AB".parse(), Ok(Address::Usb { serial_number: Some("12AB".into()) }));
         assert_eq!("tcp:localhost:2000".parse(), Ok(Address::Tcp("localhost:2000".into())));
         assert_eq!("tcp:[::1]:2000".parse(), Ok(Address::Tcp("[::1]:2000".into())));
         let line = |path: &str, baud| Ok(Address::Serial { path: path.into(), baud });
@@ -87,7 +108,7 @@ mod tests {
 
     #[test]
     fn other_names_are_refused() {
-        for text in ["", "simulated", "tcp:", "tcp:host", "tcp::1", "tcp:host:0", "serial:", "serial:x@fast"] {
+        for text in ["", "simulated", "usb:", "tcp:", "tcp:host", "tcp::1", "tcp:host:0", "serial:", "serial:x@fast"] {
             assert_eq!(text.parse::<Address>(), Err(AddressError(text.into())));
         }
     }

@@ -6,7 +6,9 @@
 //!
 //! Modelled: sampling both encoders at one instant, `fix()`, the command acting its delay after sampling, the
 //! converters' 12 bits and their full scale, noise of the current sensor, brakes that hold while the amplifiers are
-//! off. Left out: the amplifier's bandwidth, and whatever `explain` looks for.
+//! off, a flash memory that keeps the parameters and is busy for as long as a real one. Left out: the amplifier's bandwidth, and whatever `explain` looks for.
+
+mod flash;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -16,8 +18,11 @@ use shared::drive::Drive;
 use shared::plant::{PreparedPlant, State};
 use shared::protocol::{
     BoardIdentity, BoardMessage, CurrentScale, Decoder, FrameError, Link as BoardLink, LinkCounters, MAX_FRAME,
-    PROTOCOL_VERSION, PackedSample, Reply, ResetCause, encode_board_message,
+    PROTOCOL_VERSION, PackedSample, Reply, ResetCause, StoreFailure, encode_board_message,
 };
+use shared::storage::Log;
+
+pub use flash::{MemoryFlash, complete};
 
 use super::{Link, LinkError};
 use crate::hidden_robot::HiddenRobot;
@@ -46,11 +51,21 @@ pub struct SimulatedBoard {
     /// Current that flows, in A.
     current_a: [f64; 2],
     amplifiers_on: bool,
+    /// What the board put out at its last tick.
+    command_code: [u16; 2],
+    /// What the counters show beyond the position of the arm.
+    counter_offset: [i32; 2],
+    emergency_stop: bool,
+    equal_cells: bool,
     random: Random,
     time_ns: u64,
     from_host: Decoder,
     to_host: VecDeque<u8>,
     telemetry_dropped: u32,
+    flash: MemoryFlash,
+    log: Log,
+    /// Until when the memory is busy, and what the board hears then.
+    storing: Option<(u64, Result<(), StoreFailure>)>,
 }
 
 impl SimulatedBoard {
@@ -72,6 +87,8 @@ impl SimulatedBoard {
             reset_cause: ResetCause::Other,
         };
         let scale = |joint: usize| CurrentScale::symmetric(robot.joints[joint].current_full_scale_a);
+        let flash = MemoryFlash::default();
+        let (log, _) = Log::open(&flash);
         Self {
             board: Board::new(identity, vec![PackedSample::EMPTY; DEFAULT_SAMPLES]),
             plant: plant.prepare(),
@@ -82,12 +99,26 @@ impl SimulatedBoard {
             state: State::at_rest([0.0; 2]),
             current_a: [0.0; 2],
             amplifiers_on: false,
+            command_code: [MID_SCALE; 2],
+            counter_offset: [0; 2],
+            emergency_stop: false,
+            equal_cells: false,
             random: Random::new(seed, 2),
             time_ns: 0,
             from_host: Decoder::new(),
             to_host: VecDeque::new(),
             telemetry_dropped: 0,
+            flash,
+            log,
+            storing: None,
         }
+    }
+
+    /// The board, just switched on with what `flash` has kept. For use before anything else.
+    pub fn with_flash(mut self, flash: MemoryFlash) -> Self {
+        let (log, found) = Log::open(&flash);
+        self.board.restore_stored(&found);
+        Self { flash, log, ..self }
     }
 
     /// The robot inside, to compare what was found with.
@@ -95,11 +126,42 @@ impl SimulatedBoard {
         &self.hidden
     }
 
+    /// With the encoders of a real board: all their cells are one count wide, while that of 0 is two counts wide after
+    /// the paper's `fix()`. Both agree where positions are negative.
+    pub fn with_equal_cells(mut self) -> Self {
+        self.equal_cells = true;
+        self
+    }
+
+    /// Presses or releases the emergency stop.
+    pub fn set_emergency_stop(&mut self, pressed: bool) {
+        self.emergency_stop = pressed;
+    }
+
+    /// Lets both hardware counters, which wrap, count on by `counts` although the arm does not move: as if they had
+    /// started elsewhere, or the motors had been turned uncoupled.
+    pub fn count_on(&mut self, counts: [i32; 2]) {
+        for (offset, counts) in self.counter_offset.iter_mut().zip(counts) {
+            *offset = offset.wrapping_add(counts);
+        }
+    }
+
+    /// Codes of both current commands after the last tick, and whether the amplifiers are on.
+    pub fn outputs(&self) -> ([u16; 2], bool) {
+        (self.command_code, self.amplifiers_on)
+    }
+
     /// One loop period: sample, decide, let the arm move.
     fn tick(&mut self) {
         let inputs = Inputs {
             counts: std::array::from_fn(|joint| {
-                self.drives[joint].encoder_counts(self.state.position_rad[joint]) as i32
+                let (drive, position_rad) = (&self.drives[joint], self.state.position_rad[joint]);
+                let counts = if self.equal_cells {
+                    (position_rad * drive.counts_per_rad()).ceil()
+                } else {
+                    drive.encoder_counts(position_rad)
+                } as i32;
+                counts.wrapping_add(self.counter_offset[joint])
             }),
             current_code: std::array::from_fn(|joint| {
                 let measured_a = self.current_a[joint] + CURRENT_NOISE_A * self.random.normal();
@@ -107,11 +169,13 @@ impl SimulatedBoard {
                 let code = (measured_a - scale.adc_offset_a) / scale.adc_a_per_code + f64::from(MID_SCALE);
                 code.round().clamp(0.0, 4095.0) as u16
             }),
-            emergency_stop: false,
+            emergency_stop: self.emergency_stop,
             deadline_missed: false,
         };
         let period_ns = u64::from(self.board.loop_period_ns());
         let outputs = self.board.tick(&inputs);
+        self.command_code = outputs.command_code;
+        self.board.advance_check();
         if !outputs.amplifier_enable {
             // The brakes engage when power goes, and hold at once.
             self.amplifiers_on = false;
@@ -137,6 +201,23 @@ impl SimulatedBoard {
         }
         if let Some(event) = outputs.event {
             self.send_to_host(&BoardMessage::Event(event));
+        }
+        self.store();
+    }
+
+    /// Stores what the board wants stored, and tells it when the memory would be done.
+    fn store(&mut self) {
+        match self.storing.take() {
+            Some((until_ns, result)) if self.time_ns >= until_ns => self.board.end_store(result),
+            Some(waiting) => self.storing = Some(waiting),
+            None => {}
+        }
+        if let Some(parameters) = self.board.begin_store() {
+            let before_ns = self.flash.busy_ns();
+            let stored = complete(self.log.store(&mut self.flash, parameters.as_ref()));
+            let busy_ns = self.flash.busy_ns() - before_ns;
+            self.storing =
+                Some((self.time_ns + busy_ns, stored.unwrap_or(Err(StoreFailure::Timeout { waited_ms: 0 }))));
         }
     }
 

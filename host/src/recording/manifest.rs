@@ -55,6 +55,9 @@ pub struct Manifest {
     /// Seed of a simulated robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
+    /// Rows that were lost on the way from the board and read from its memory after the movement, if noted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rows_read_again: Option<u32>,
     /// Why the recording ends early, where it does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub partial: Option<String>,

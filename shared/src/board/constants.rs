@@ -1,7 +1,7 @@
 //! The configuration turned into what a tick needs, once.
 
 use super::MID_SCALE;
-use crate::arm::Arm;
+use crate::arm::{Arm, PARAMETERS};
 use crate::control::{ComputedTorque, ComputedTorqueSettings, PositionLoop};
 use crate::drive::Drive;
 use crate::protocol::{Configuration, CurrentScale, Joint, Model};
@@ -78,9 +78,11 @@ impl JointTick {
 
     /// The code nearest a commanded current, and whether the current is beyond the converter.
     pub(super) fn command_code(&self, current_a: f32) -> (u16, bool) {
-        let code = libm::roundf((current_a - self.dac_offset_a) * self.dac_codes_per_a) + f32::from(MID_SCALE);
-        let largest = f32::from(LARGEST_CODE);
-        (code.clamp(0.0, largest) as u16, !(0.0..=largest).contains(&code))
+        // Half a code up, so that cutting the fraction off rounds; codes are not negative.
+        let code = (current_a - self.dac_offset_a) * self.dac_codes_per_a + (f32::from(MID_SCALE) + 0.5);
+        let beyond = f32::from(LARGEST_CODE) + 1.0;
+        // The cast takes numbers below 0, and one that is none, for 0.
+        ((code as u16).min(LARGEST_CODE), !(code >= 0.0 && code < beyond))
     }
 
     /// The measured current in A.
@@ -119,6 +121,7 @@ pub(super) struct Constants {
 
 impl Constants {
     /// From a configuration that passed its check.
+    #[inline]
     pub(super) fn new(configuration: &Configuration) -> Self {
         let common = &configuration.common;
         let torque = &common.computed_torque;
@@ -153,18 +156,36 @@ impl Constants {
     }
 
     /// A computed-torque controller at rest at `position_rad`, with the model's f and friction.
-    pub(super) fn computed_torque(&self, model: &Model, position_rad: [f32; 2]) -> ComputedTorque<f32> {
+    pub(super) fn computed_torque(&self, model: &TorqueModel, position_rad: [f32; 2]) -> ComputedTorque<f32> {
         let drive = |joint: Joint| Drive {
-            viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad[joint.index()] as f32,
-            coulomb_friction_nm: model.coulomb_friction_nm[joint.index()] as f32,
+            viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad[joint.index()],
+            coulomb_friction_nm: model.coulomb_friction_nm[joint.index()],
             ..self.joints[joint.index()].drive
         };
         ComputedTorque::new(
-            Arm { f: model.f.map(|value| value as f32), gravity_m_s2: self.gravity_m_s2 },
+            Arm { f: model.f, gravity_m_s2: self.gravity_m_s2 },
             Joint::ALL.map(drive),
             self.computed_torque,
             self.loop_period_ns as f32 * 1.0e-9,
             position_rad,
         )
+    }
+}
+
+/// A model in the board's precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TorqueModel {
+    f: [f32; PARAMETERS],
+    viscous_friction_nm_s_per_rad: [f32; 2],
+    coulomb_friction_nm: [f32; 2],
+}
+
+impl TorqueModel {
+    pub(super) fn new(model: &Model) -> Self {
+        Self {
+            f: model.f.map(|value| value as f32),
+            viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad.map(|value| value as f32),
+            coulomb_friction_nm: model.coulomb_friction_nm.map(|value| value as f32),
+        }
     }
 }

@@ -2,11 +2,13 @@
 
 use super::constants::{Constants, JointTick};
 use super::encoders::Jump;
-use super::path::{Clock, Path};
+use super::path::{Clock, HeldCounts, Path};
+use super::trajectories::Accepted;
 use super::{Inputs, MID_SCALE};
 use crate::control::{ComputedTorque, ComputedTorqueInput};
 use crate::protocol::{ActiveLimit, ControlLaw, Fault, Joint, LimitsActive, Link, Mode, Sample};
-use crate::trajectory::{Approach, Trajectory};
+use crate::scalar::Scalar as _;
+use crate::trajectory::Approach;
 
 /// What a tick looks at.
 pub(super) struct Tick<'a> {
@@ -15,7 +17,7 @@ pub(super) struct Tick<'a> {
     /// Motor positions in counts.
     pub(super) position_counts: [i32; 2],
     pub(super) jump: Option<Jump>,
-    pub(super) trajectory: Option<&'a Trajectory>,
+    pub(super) trajectory: Option<Accepted<'a>>,
 }
 
 /// What a tick gives while the amplifiers are on.
@@ -91,7 +93,7 @@ impl Motion {
             mode: Mode::Idle,
             mode_changed: false,
             last_fault: None,
-            path: Path::Counts([0; 2]),
+            path: Path::Counts(HeldCounts::new([0; 2])),
             clock: Clock::START,
             law: Law::Position,
             movement: None,
@@ -114,6 +116,11 @@ impl Motion {
 
     pub(super) fn report_last_fault(&mut self, fault: Fault) {
         self.last_fault = Some(fault);
+    }
+
+    /// Reference less actual position at the last tick; 0 while the amplifiers are off.
+    pub(super) fn error_counts(&self) -> [i32; 2] {
+        self.previous_error.filter(|_| self.mode.is_powered()).unwrap_or_default()
     }
 
     /// Limits that acted since arming.
@@ -142,7 +149,8 @@ impl Motion {
 
     /// Switches on and holds `position_counts`.
     pub(super) fn arm(&mut self, position_counts: [i32; 2]) {
-        *self = Self { last_fault: self.last_fault, path: Path::Counts(position_counts), ..Self::new() };
+        *self =
+            Self { last_fault: self.last_fault, path: Path::Counts(HeldCounts::new(position_counts)), ..Self::new() };
         self.enter(Mode::Armed);
     }
 
@@ -162,14 +170,14 @@ impl Motion {
     /// The counts at which the position loop holds the arm from now on without a jerk: where it already holds, those;
     /// under computed torque, so far from the actual position that the loop asks for the current that flows now.
     pub(super) fn holding_counts(&self, position_counts: [i32; 2], constants: &Constants) -> [i32; 2] {
-        if let (Path::Counts(counts), Law::Position) = (&self.path, &self.law) {
-            return *counts;
+        if let (Path::Counts(held), Law::Position) = (&self.path, &self.law) {
+            return held.counts;
         }
         Joint::ALL.map(|joint| {
             let index = joint.index();
             let joint = &constants.joints[index];
             let limit = joint.following_error_limit_counts as f32;
-            let error = (self.command_a[index] / joint.position_loop.gain_a_per_count).clamp(-limit, limit);
+            let error = (self.command_a[index] / joint.position_loop.gain_a_per_count).clamp_abs(limit);
             position_counts[index].saturating_add(error as i32)
         })
     }
@@ -214,7 +222,7 @@ impl Motion {
         if matches!(self.law, Law::ComputedTorque(_)) {
             self.previous_error = None;
         }
-        self.path = Path::Counts(counts);
+        self.path = Path::Counts(HeldCounts::new(counts));
         self.law = Law::Position;
         self.clock = Clock::START;
         self.movement = None;
@@ -225,7 +233,13 @@ impl Motion {
     pub(super) fn step(&mut self, tick: &Tick<'_>) -> Result<Step, Fault> {
         let constants = tick.constants;
         self.check_inputs(tick)?;
-        let reference = self.path.reference(&self.clock, 0, tick.trajectory, constants);
+        if let Path::Counts(held) = &self.path
+            && !held.is_whole()
+        {
+            return Err(Fault::MemoryCorrupted);
+        }
+        let trajectory = tick.trajectory.map(|accepted| accepted.trajectory);
+        let reference = self.path.reference(&self.clock, 0, trajectory, constants);
         let error = [0, 1].map(|index: usize| reference.counts[index].saturating_sub(tick.position_counts[index]));
         for (joint, error_counts) in constants.joints.iter().zip(error) {
             let limit_counts = joint.following_error_limit_counts;
@@ -244,7 +258,7 @@ impl Motion {
                 [ask(&constants.joints[0]), ask(&constants.joints[1])]
             }
             Law::ComputedTorque(controller) => {
-                let ahead = self.path.reference(&self.clock, constants.ahead_ns, tick.trajectory, constants);
+                let ahead = self.path.reference(&self.clock, constants.ahead_ns, trajectory, constants);
                 let input = ComputedTorqueInput {
                     reference: reference.joint,
                     reference_ahead: ahead.joint,
@@ -340,7 +354,7 @@ impl Motion {
                 return Err(Fault::BadModel { joint: joint.joint });
             }
             let limit_a = joint.drive.current_limit_a;
-            let command_a = asked_a.clamp(-limit_a, limit_a);
+            let command_a = asked_a.clamp_abs(limit_a);
             if asked_a.abs() > limit_a {
                 limits.insert(ActiveLimit::current(joint.joint));
                 self.at_limit_ns[index] = self.at_limit_ns[index].saturating_add(constants.loop_period_ns);
@@ -413,7 +427,7 @@ impl Motion {
             }
             Mode::Stopping(_) if self.clock.has_stopped() => {
                 if matches!(self.law, Law::Position) {
-                    self.path = Path::Counts(reference_counts);
+                    self.path = Path::Counts(HeldCounts::new(reference_counts));
                 }
                 self.hold_armed(tick.position_counts, constants);
                 false
@@ -425,11 +439,11 @@ impl Motion {
     /// Holds the end of the trajectory under the law that led there.
     fn hold_end(&mut self, law: ControlLaw, tick: &Tick<'_>) {
         let [first, second] = &tick.constants.joints;
-        let end_rad = tick.trajectory.map_or([f32::NAN; 2], Trajectory::end_rad);
+        let end_rad = tick.trajectory.map_or([f32::NAN; 2], |accepted| accepted.end_rad);
         self.path = match law {
             ControlLaw::Position => {
                 let [a, b] = end_rad;
-                Path::Counts([first.reference_counts(a), second.reference_counts(b)])
+                Path::Counts(HeldCounts::new([first.reference_counts(a), second.reference_counts(b)]))
             }
             ControlLaw::ComputedTorque => Path::Pose(end_rad),
         };

@@ -1,6 +1,7 @@
 //! Configuration and models: staged, checked, and swapped whole.
 
-use super::constants::Constants;
+use super::constants::{Constants, TorqueModel};
+use super::findings::{Findings, ModelFindings};
 use crate::protocol::{
     Configuration, ConfigurationPart, Joint, JointConstants, LoopConstants, Model, ModelRange, ModelSlot, PartName,
     Refusal,
@@ -26,6 +27,14 @@ impl Applied {
             robot_identity: configuration.robot_identity(),
         })
     }
+}
+
+/// A model that passed its check, with what follows from it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Held {
+    pub(super) model: Model,
+    pub(super) crc: u32,
+    pub(super) torque_model: TorqueModel,
 }
 
 /// What a change of configuration makes invalid.
@@ -54,15 +63,14 @@ struct Parts {
 pub(super) struct Parameters {
     parts: Parts,
     pub(super) applied: Option<Applied>,
-    staged: Option<Model>,
-    active: Option<Model>,
-    pub(super) revision: u32,
+    staged: Option<Held>,
+    active: Option<Held>,
 }
 
 impl Parameters {
     pub(super) const fn new() -> Self {
         let parts = Parts { second: None, third: None, common: None, motion_limits: None, model_range: None };
-        Self { parts, applied: None, staged: None, active: None, revision: 0 }
+        Self { parts, applied: None, staged: None, active: None }
     }
 
     /// Keeps a part until the configuration is applied; a part sent twice counts the last time.
@@ -77,6 +85,7 @@ impl Parameters {
     }
 
     /// Applies the staged parts, if they are all there, are those meant, and are acceptable.
+    #[inline]
     pub(super) fn apply_parts(&mut self, crc: u32) -> Result<Change, Refusal> {
         let missing = |part| Refusal::MissingPart { part };
         let parts = &self.parts;
@@ -97,6 +106,7 @@ impl Parameters {
     }
 
     /// Applies a configuration; models it no longer allows are forgotten.
+    #[inline]
     pub(super) fn apply(&mut self, configuration: &Configuration) -> Result<Change, Refusal> {
         let new = Applied::new(configuration)?;
         let change = match &self.applied {
@@ -104,11 +114,10 @@ impl Parameters {
             Some(old) if old.robot_identity == new.robot_identity => Change::Limits,
             _ => Change::Robot,
         };
-        let allowed = |model: &Model| model.check(new.robot_identity, &new.configuration.model_range).is_ok();
+        let allowed = |held: &Held| held.model.check(new.robot_identity, &new.configuration.model_range).is_ok();
         self.staged = self.staged.filter(allowed);
         self.active = self.active.filter(allowed);
         self.applied = Some(new);
-        self.revision = self.revision.wrapping_add(1);
         Ok(change)
     }
 
@@ -118,34 +127,38 @@ impl Parameters {
     }
 
     /// First phase: keeps a model beside the active one, if it arrived as it was sent and is acceptable.
-    pub(super) fn stage_model(&mut self, model: &Model, crc: u32) -> Result<(), Refusal> {
+    pub(super) fn stage_model(&mut self, model: &Model, crc: u32, findings: &Findings) -> Result<(), Refusal> {
         let applied = self.applied()?;
-        let board = model.crc();
-        if board != crc {
-            return Err(Refusal::CrcMismatch { host: crc, board });
+        let examined_now;
+        let findings = match findings.model() {
+            Some(findings) => findings,
+            None => {
+                examined_now = ModelFindings::of(model);
+                &examined_now
+            }
+        };
+        if findings.crc != crc {
+            return Err(Refusal::CrcMismatch { host: crc, board: findings.crc });
         }
-        model.check(applied.robot_identity, &applied.configuration.model_range).map_err(Refusal::Model)?;
-        self.staged = Some(*model);
+        model.check_ranges(applied.robot_identity, &applied.configuration.model_range).map_err(Refusal::Model)?;
+        findings.dynamics.map_err(Refusal::Model)?;
+        self.staged = Some(Held { model: *model, crc, torque_model: findings.torque_model });
         Ok(())
     }
 
     /// Second phase: the staged model becomes the active one, in one assignment. It also stays staged, so a commit
     /// that is repeated has the same effect.
     pub(super) fn commit_model(&mut self, crc: u32) -> Result<(), Refusal> {
-        let staged = self.staged.ok_or(Refusal::NoModel)?;
-        let board = staged.crc();
-        if board != crc {
-            return Err(Refusal::CrcMismatch { host: crc, board });
+        let staged = self.staged.as_ref().ok_or(Refusal::NoModel)?;
+        if staged.crc != crc {
+            return Err(Refusal::CrcMismatch { host: crc, board: staged.crc });
         }
-        if self.active != Some(staged) {
-            self.active = Some(staged);
-            self.revision = self.revision.wrapping_add(1);
-        }
+        self.active = self.staged;
         Ok(())
     }
 
     /// The model in a slot.
-    pub(super) fn model(&self, slot: ModelSlot) -> Option<&Model> {
+    pub(super) fn model(&self, slot: ModelSlot) -> Option<&Held> {
         match slot {
             ModelSlot::Staged => self.staged.as_ref(),
             ModelSlot::Active => self.active.as_ref(),

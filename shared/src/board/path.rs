@@ -4,11 +4,30 @@ use super::constants::Constants;
 use crate::control::JointReference;
 use crate::trajectory::{Approach, Trajectory};
 
+/// Counts to hold, kept twice: a bit of memory that flips while the arm stands must not move it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HeldCounts {
+    pub(super) counts: [i32; 2],
+    inverted: [i32; 2],
+}
+
+impl HeldCounts {
+    pub(super) const fn new(counts: [i32; 2]) -> Self {
+        let [first, second] = counts;
+        Self { counts, inverted: [!first, !second] }
+    }
+
+    /// Whether the two copies agree.
+    pub(super) fn is_whole(&self) -> bool {
+        self.counts == self.inverted.map(|count| !count)
+    }
+}
+
 /// What the reference follows.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Path {
     /// Stands at these counts: the position loop holding.
-    Counts([i32; 2]),
+    Counts(HeldCounts),
     /// Stands at these joint angles in rad: computed torque holding.
     Pose([f32; 2]),
     /// Goes to the start of the trajectory and stands there.
@@ -116,7 +135,7 @@ impl Path {
             (Self::Approach(approach), _) => approach.reference(instant.time_ns),
             (Self::Trajectory, Some(trajectory)) => trajectory.reference(instant.time_ns),
             (&Self::Pose(position_rad), _) => at_rest(position_rad),
-            (&Self::Counts(counts), _) => {
+            (&Self::Counts(HeldCounts { counts, .. }), _) => {
                 let [a, b] = counts;
                 return Reference { joint: at_rest([first.position_rad(a), second.position_rad(b)]), counts };
             }

@@ -1,6 +1,8 @@
 //! The recording in RAM.
 
-use crate::protocol::{EndedBy, LimitsActive, PackedSample, ROWS_PER_FRAME, RecordingInfo, RecordingRows, Sample};
+use crate::protocol::{
+    EndedBy, LimitsActive, PackedSample, ROWS_PER_FRAME, RecordingInfo, RecordingRows, Reply, Sample,
+};
 use heapless::Vec;
 
 /// How many references are kept in full, evenly over the recording, so that any row is read without unpacking all
@@ -65,20 +67,47 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Recording<R> {
         }
     }
 
-    /// Rows from `from` on, at most `count` and at most a frame of them. Takes at most `stride` unpackings more.
-    pub(super) fn read(&self, from: u32, count: u16) -> RecordingRows {
-        let mut answer =
-            RecordingRows { movement: self.info.movement, from, first_reference_counts: [0; 2], rows: Vec::new() };
+    /// Answers with rows from `from` on, at most `count` and at most a frame of them. Looks at half of `stride` rows
+    /// more at most.
+    pub(super) fn report(&self, from: u32, count: u16, reply: &mut Reply) {
         let recorded = self.rows.as_ref().get(..self.info.rows as usize).unwrap_or(&[]);
-        let first = from as usize;
-        let checkpoint = first / self.stride;
-        let (Some(wanted), Some(&near)) = (recorded.get(first..), self.checkpoints.get(checkpoint)) else {
-            return answer;
-        };
+        report(&self.info, recorded, (&self.checkpoints, self.stride), from, count, reply);
+    }
+}
+
+/// Not generic and not inlined, so that it is compiled here, for speed, and not for size with the firmware.
+#[inline(never)]
+fn report(
+    info: &RecordingInfo,
+    recorded: &[PackedSample],
+    (checkpoints, stride): (&[[i32; 2]], usize),
+    from: u32,
+    count: u16,
+    reply: &mut Reply,
+) {
+    let first = from as usize;
+    let wanted = recorded.get(first..).unwrap_or(&[]);
+    let mut reference_counts = [0; 2];
+    if !wanted.is_empty() {
+        // From the nearest checkpoint, whichever side it is on: a reference is found from either neighbour's.
+        let near = (first + stride / 2) / stride;
+        let checkpoint = if near * stride < recorded.len() { near } else { first / stride };
+        let start = checkpoint * stride;
+        reference_counts = checkpoints.get(checkpoint).copied().unwrap_or_default();
+        let mut pass = |row: &PackedSample| reference_counts = row.reference_counts(reference_counts);
+        if start <= first {
+            recorded.get(start..=first).unwrap_or(&[]).iter().for_each(&mut pass);
+        } else {
+            recorded.get(first..start).unwrap_or(&[]).iter().rev().for_each(&mut pass);
+        }
+    }
+    let movement = info.movement;
+    *reply = Reply::Rows(RecordingRows { movement, from, first_reference_counts: reference_counts, rows: Vec::new() });
+    if let Reply::Rows(answer) = reply {
         let count = usize::from(count).min(ROWS_PER_FRAME).min(wanted.len());
-        answer.rows.extend(wanted.iter().copied().take(count));
-        let up_to_first = recorded.get(checkpoint * self.stride..=first).unwrap_or(&[]);
-        answer.first_reference_counts = up_to_first.iter().fold(near, |near, row| row.unpack(0, near).reference_counts);
-        answer
+        for row in wanted.iter().take(count) {
+            // Always room: the answer holds as many as a frame.
+            let _ = answer.rows.push(*row);
+        }
     }
 }

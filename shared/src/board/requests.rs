@@ -1,7 +1,8 @@
 //! What the board does with each request.
 
 use super::motion::Start;
-use super::{Board, LONGEST_SETTLE_NS};
+use super::session::Outcome;
+use super::{Board, Findings, LONGEST_SETTLE_NS};
 use crate::protocol::{
     ControlLaw, EndedBy, Info, Joint, Link, Mode, ModelSlot, PROTOCOL_VERSION, PackedSample, Refusal, Reply, Request,
     Status, TrajectoryPart,
@@ -15,19 +16,43 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
     /// Carries out one request that came over `link`. Bounded time, no panic. The reply goes back over the same link
     /// with the request's sequence number.
     ///
-    /// A request with the number of the link's last one is not carried out again, but answered as before; an older
-    /// one, or one before [`Request::Hello`], is refused. Every request that gets here keeps the link alive.
+    /// A request with the number of the link's last one is not carried out again, but answered again; an older one, or
+    /// one before [`Request::Hello`], is refused. Every request that gets here keeps the link alive.
     pub fn handle(&mut self, link: Link, sequence: u32, request: &Request) -> Reply {
-        self.motion.heard(link);
-        if let &Request::Hello { protocol_version } = request {
-            return self.hello(link, sequence, protocol_version);
-        }
-        if let Some(reply) = self.session(link).reply_without_doing(sequence) {
-            return reply;
-        }
-        let reply = self.carry_out(link, request).unwrap_or_else(Reply::Refused);
-        self.session(link).answered(sequence, &reply);
+        let mut reply = Reply::Done;
+        self.answer(link, sequence, request, &Findings::of(request), &mut reply);
         reply
+    }
+
+    /// [`Self::handle`] for the control interrupt: of a request that was examined before, into the place from which the
+    /// reply is sent. What is left takes no longer than a control tick has room for, where the request is possible while
+    /// the amplifiers are on. `findings` must be those of `request`.
+    pub fn answer(&mut self, link: Link, sequence: u32, request: &Request, findings: &Findings, reply: &mut Reply) {
+        self.motion.heard(link);
+        if let &Request::Hello { protocol_version: host } = request {
+            if host != PROTOCOL_VERSION {
+                self.session(link).close();
+                let firmware_version = self.identity.firmware_version.clone();
+                *reply = Reply::WrongVersion { board: PROTOCOL_VERSION, host, firmware_version };
+                return;
+            }
+            // Done afresh every time: it changes nothing but the link's own number.
+            self.session(link).answered(sequence, Outcome::Done);
+            return self.report(request, reply);
+        }
+        let outcome = match self.session(link).outcome_without_doing(sequence) {
+            Some(outcome) => outcome,
+            None => {
+                let outcome = self.carry_out(link, request, findings).unwrap_or_else(Outcome::Refused);
+                self.session(link).answered(sequence, outcome);
+                outcome
+            }
+        };
+        match outcome {
+            Outcome::Done => self.report(request, reply),
+            Outcome::Started { movement, approach_ns, rows } => *reply = Reply::Started { movement, approach_ns, rows },
+            Outcome::Refused(refusal) => *reply = Reply::Refused(refusal),
+        }
     }
 
     fn session(&mut self, link: Link) -> &mut super::Session {
@@ -36,18 +61,6 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             Link::Usb => usb,
             Link::Serial => serial,
         }
-    }
-
-    /// Answers afresh every time: it changes nothing but the link's own number.
-    fn hello(&mut self, link: Link, sequence: u32, host: u8) -> Reply {
-        if host != PROTOCOL_VERSION {
-            self.session(link).close();
-            let firmware_version = self.identity.firmware_version.clone();
-            return Reply::WrongVersion { board: PROTOCOL_VERSION, host, firmware_version };
-        }
-        let reply = Reply::Info(self.info());
-        self.session(link).answered(sequence, &reply);
-        reply
     }
 
     fn info(&self) -> Info {
@@ -63,55 +76,75 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         }
     }
 
-    fn carry_out(&mut self, link: Link, request: &Request) -> Result<Reply, Refusal> {
+    /// Answers a request that was carried out: with the state it asks about, as it is now. Each reply is made where it
+    /// is to be; a copy of one costs as much as a law of control.
+    fn report(&self, request: &Request, reply: &mut Reply) {
         match request {
-            Request::Hello { .. } | Request::KeepAlive => Ok(Reply::Done),
-            Request::Status => Ok(Reply::Status(self.status())),
+            Request::Hello { .. } => *reply = Reply::Info(self.info()),
+            Request::Status => *reply = Reply::Status(self.status()),
+            Request::LoadTrajectory(_) | Request::ReadTrajectory => self.trajectories.report(reply),
+            Request::RecordingInfo => *reply = Reply::Recording(self.recording.info()),
+            &Request::ReadRecording { from, count } => self.recording.report(from, count, reply),
+            Request::StageModel { .. } => self.report_model(ModelSlot::Staged, reply),
+            Request::CommitModel { .. } => self.report_model(ModelSlot::Active, reply),
+            &Request::ReadModel(slot) => self.report_model(slot, reply),
+            Request::KeepAlive
+            | Request::Configure(_)
+            | Request::ApplyConfiguration { .. }
+            | Request::SetPosition { .. }
+            | Request::Arm
+            | Request::Disarm
+            | Request::Run { .. }
+            | Request::Stop
+            | Request::ClearFault
+            | Request::ForgetParameters => *reply = Reply::Done,
+        }
+    }
+
+    fn carry_out(&mut self, link: Link, request: &Request, findings: &Findings) -> Result<Outcome, Refusal> {
+        match request {
+            Request::Hello { .. }
+            | Request::KeepAlive
+            | Request::Status
+            | Request::ReadTrajectory
+            | Request::RecordingInfo
+            | Request::ReadRecording { .. }
+            | Request::ReadModel(_) => {}
             Request::Configure(part) => {
                 self.only_idle()?;
                 self.parameters.stage_part(part);
-                Ok(Reply::Done)
             }
             &Request::ApplyConfiguration { crc } => {
                 self.only_idle()?;
                 let change = self.parameters.apply_parts(crc)?;
                 self.configuration_changed(change);
-                Ok(Reply::Done)
+                self.storing.keep();
             }
-            &Request::SetPosition { position_rad } => self.set_position(position_rad),
-            Request::Arm => self.arm(),
+            &Request::SetPosition { position_rad } => self.set_position(position_rad)?,
+            Request::Arm => self.arm()?,
             Request::Disarm => {
                 self.recording.end(EndedBy::Stopped);
                 // A fault is not forgotten by disarming.
                 if self.mode().is_powered() {
                     self.motion.switch_off();
                 }
-                Ok(Reply::Done)
             }
-            Request::LoadTrajectory(part) => self.load_trajectory(part),
-            Request::ReadTrajectory => Ok(Reply::Trajectory(self.trajectories.state())),
-            &Request::Run { law, stream, settle_ns } => self.run(link, law, stream, settle_ns),
+            Request::LoadTrajectory(part) => self.load_trajectory(part)?,
+            &Request::Run { law, stream, settle_ns } => return self.run(link, law, stream, settle_ns),
             Request::Stop => {
                 if let Some(applied) = &self.parameters.applied {
                     self.motion.stop(self.encoders.position_counts(), &applied.constants);
                     self.recording.end(EndedBy::Stopped);
                 }
-                Ok(Reply::Done)
             }
-            Request::RecordingInfo => Ok(Reply::Recording(self.recording.info())),
-            &Request::ReadRecording { from, count } => Ok(Reply::Rows(self.recording.read(from, count))),
-            Request::StageModel { model, crc } => {
-                self.parameters.stage_model(model, *crc)?;
-                Ok(self.model(ModelSlot::Staged))
-            }
+            Request::StageModel { model, crc } => self.parameters.stage_model(model, *crc, findings)?,
             &Request::CommitModel { crc } => {
                 if self.mode().law() == Some(ControlLaw::ComputedTorque) {
                     return Err(self.wrong_mode());
                 }
                 self.parameters.commit_model(crc)?;
-                Ok(self.model(ModelSlot::Active))
+                self.storing.keep();
             }
-            &Request::ReadModel(slot) => Ok(self.model(slot)),
             Request::ClearFault => {
                 if self.emergency_stop {
                     return Err(Refusal::EmergencyStop);
@@ -119,9 +152,13 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                 if matches!(self.mode(), Mode::Fault(_)) {
                     self.motion.switch_off();
                 }
-                Ok(Reply::Done)
+            }
+            Request::ForgetParameters => {
+                self.only_idle()?;
+                self.storing.forget();
             }
         }
+        Ok(Outcome::Done)
     }
 
     fn wrong_mode(&self) -> Refusal {
@@ -143,23 +180,27 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             tick: self.tick,
             position_counts: self.encoders.position_counts(),
             pose_known: self.encoders.pose_known(),
+            error_counts: self.motion.error_counts(),
             current_a: [measured(0), measured(1)],
             emergency_stop: self.emergency_stop,
             limits_active: self.motion.limits(),
             configuration_crc: applied.map(|applied| applied.crc),
-            active_model_crc: self.parameters.model(ModelSlot::Active).map(|model| model.crc()),
-            staged_model_crc: self.parameters.model(ModelSlot::Staged).map(|model| model.crc()),
-            trajectory: self.trajectories.state().phase(),
+            active_model_crc: self.parameters.model(ModelSlot::Active).map(|held| held.crc),
+            staged_model_crc: self.parameters.model(ModelSlot::Staged).map(|held| held.crc),
+            stored: self.storing.stored(),
+            trajectory: self.trajectories.phase(),
             recording: self.recording.info(),
         }
     }
 
-    fn model(&self, slot: ModelSlot) -> Reply {
-        let model = self.parameters.model(slot).copied();
-        Reply::Model { slot, model, crc: model.map_or(0, |model| model.crc()) }
+    fn report_model(&self, slot: ModelSlot, reply: &mut Reply) {
+        *reply = match self.parameters.model(slot) {
+            Some(held) => Reply::Model { slot, model: Some(held.model), crc: held.crc },
+            None => Reply::Model { slot, model: None, crc: 0 },
+        };
     }
 
-    fn set_position(&mut self, position_rad: [f64; 2]) -> Result<Reply, Refusal> {
+    fn set_position(&mut self, position_rad: [f64; 2]) -> Result<(), Refusal> {
         self.only_idle()?;
         let joints = &self.parameters.applied()?.configuration.joints;
         let mut position_counts = [0; 2];
@@ -174,23 +215,26 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             *counts = exact as i32;
         }
         self.encoders.declare(position_counts);
-        Ok(Reply::Done)
+        Ok(())
     }
 
-    fn arm(&mut self) -> Result<Reply, Refusal> {
+    fn arm(&mut self) -> Result<(), Refusal> {
         self.only_idle()?;
         self.parameters.applied()?;
         if self.emergency_stop {
             return Err(Refusal::EmergencyStop);
         }
+        if self.storing.is_writing() {
+            return Err(Refusal::Storing);
+        }
         if !self.encoders.pose_known() {
             return Err(Refusal::PoseUnknown);
         }
         self.motion.arm(self.encoders.position_counts());
-        Ok(Reply::Done)
+        Ok(())
     }
 
-    fn load_trajectory(&mut self, part: &TrajectoryPart) -> Result<Reply, Refusal> {
+    fn load_trajectory(&mut self, part: &TrajectoryPart) -> Result<(), Refusal> {
         let of_points = matches!(part, TrajectoryPart::BeginPoints { .. } | TrajectoryPart::Points { .. });
         let mode = self.mode();
         // Solving for a spline takes several loop periods, so it is not done while a loop is closed.
@@ -199,11 +243,10 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         }
         let capacity = self.recording.capacity();
         let constants = &self.parameters.applied.as_ref().ok_or(Refusal::NotConfigured)?.constants;
-        self.trajectories.load(part, constants, capacity)?;
-        Ok(Reply::Trajectory(self.trajectories.state()))
+        self.trajectories.load(part, constants, capacity)
     }
 
-    fn run(&mut self, link: Link, law: ControlLaw, stream: bool, settle_ns: u64) -> Result<Reply, Refusal> {
+    fn run(&mut self, link: Link, law: ControlLaw, stream: bool, settle_ns: u64) -> Result<Outcome, Refusal> {
         if !matches!(self.mode(), Mode::Armed | Mode::Holding(_)) {
             return Err(self.wrong_mode());
         }
@@ -212,7 +255,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         }
         let applied = self.parameters.applied()?;
         let constants = &applied.constants;
-        let (trajectory, rows) = self.trajectories.accepted().ok_or(Refusal::NoTrajectory)?;
+        let accepted = self.trajectories.accepted().ok_or(Refusal::NoTrajectory)?;
         let position_counts = self.encoders.position_counts();
         // Each law starts from where it stands still: the position loop from its reference, with the error that
         // carries the arm's weight; computed torque, which has no such error, from where the arm is.
@@ -227,18 +270,19 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         let from_rad = [first.position_rad(a), second.position_rad(b)];
         let approach = Approach::new(
             from_rad,
-            trajectory.start_rad(),
+            accepted.start_rad,
             &constants.motion_limits,
             constants.counts_per_rad(),
             constants.record_period_ns,
         )
         .map_err(Refusal::Limit)?;
-        let computed_torque = model.map(|model| constants.computed_torque(model, from_rad));
+        let computed_torque = model.map(|held| constants.computed_torque(&held.torque_model, from_rad));
         let approach_ns = approach.duration_ns().saturating_add(settle_ns);
-        let (configuration_crc, model_crc) = (applied.crc, model.map(|model| model.crc()));
+        let (configuration_crc, model_crc) = (applied.crc, model.map(|held| held.crc));
+        let rows = accepted.rows;
         self.recording.begin(rows, configuration_crc, model_crc);
         self.stream = stream.then_some(link);
         self.motion.start(Start { law, computed_torque, approach, settle_ns, rows, commander: link });
-        Ok(Reply::Started { movement: self.recording.info().movement, approach_ns, rows })
+        Ok(Outcome::Started { movement: self.recording.info().movement, approach_ns, rows })
     }
 }

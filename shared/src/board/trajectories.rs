@@ -1,14 +1,14 @@
 //! Loading a trajectory in parts, and having it checked before it may run.
 
 use super::constants::Constants;
-use super::trajectory_check::{TrajectoryCheck, resolved};
-use crate::protocol::{Refusal, TrajectoryPart, TrajectoryState};
+use super::trajectory_check::{Step, TrajectoryCheck, admissible};
+use crate::protocol::{Refusal, Reply, TrajectoryPart, TrajectoryPhase, TrajectoryState};
 use crate::trajectory::{LimitError, MAX_POINTS, Margins, Points, Trajectory};
 use heapless::Vec;
 
 /// Time for one sample of the check, in ns: a Fourier series of eight harmonics takes the board about 15 µs. So many
 /// samples are looked at in a tick that this takes at most about a fifth of it.
-const SAMPLE_NS: u64 = 70_000;
+const SAMPLE_NS: u32 = 70_000;
 
 /// How far the trajectory has come.
 #[derive(Clone, Debug)]
@@ -20,18 +20,32 @@ enum Stage {
     Refused(LimitError),
 }
 
+/// A trajectory that may be run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Accepted<'a> {
+    pub(super) trajectory: &'a Trajectory,
+    /// Joint angles at its start, in rad.
+    pub(super) start_rad: [f32; 2],
+    /// Joint angles at its end, in rad.
+    pub(super) end_rad: [f32; 2],
+    /// Rows its recording has.
+    pub(super) rows: u32,
+}
+
 /// The trajectory and the points on their way to becoming one.
 #[derive(Clone, Debug)]
 pub(super) struct Trajectories {
     stage: Stage,
     trajectory: Option<Trajectory>,
     rows: u32,
+    /// Joint angles at both ends of the trajectory, in rad; known once it is being checked.
+    ends_rad: [[f32; 2]; 2],
     points_rad: Vec<[f32; 2], MAX_POINTS>,
 }
 
 impl Trajectories {
     pub(super) const fn new() -> Self {
-        Self { stage: Stage::Empty, trajectory: None, rows: 0, points_rad: Vec::new() }
+        Self { stage: Stage::Empty, trajectory: None, rows: 0, ends_rad: [[0.0; 2]; 2], points_rad: Vec::new() }
     }
 
     /// Forgets everything.
@@ -45,9 +59,15 @@ impl Trajectories {
     /// many rows a recording holds.
     pub(super) fn load(&mut self, part: &TrajectoryPart, constants: &Constants, capacity: u32) -> Result<(), Refusal> {
         match part {
-            TrajectoryPart::Paper(paper) => self.begin_check(Trajectory::Paper(*paper), constants, capacity),
+            TrajectoryPart::Paper(paper) => {
+                self.clear();
+                self.trajectory = Some(Trajectory::Paper(*paper));
+                self.begin_check(constants, capacity)
+            }
             TrajectoryPart::Fourier(fourier) => {
-                self.begin_check(Trajectory::Fourier(fourier.clone()), constants, capacity)
+                self.clear();
+                self.trajectory = Some(Trajectory::Fourier(fourier.clone()));
+                self.begin_check(constants, capacity)
             }
             &TrajectoryPart::BeginPoints { interval_ns, points } => {
                 self.clear();
@@ -85,7 +105,11 @@ impl Trajectories {
             return Ok(());
         }
         match Points::new(interval_ns, &self.points_rad) {
-            Ok(spline) => self.begin_check(Trajectory::Points(spline), constants, capacity),
+            Ok(spline) => {
+                self.clear();
+                self.trajectory = Some(Trajectory::Points(spline));
+                self.begin_check(constants, capacity)
+            }
             Err(error) => {
                 self.clear();
                 Err(Refusal::Limit(error))
@@ -93,31 +117,39 @@ impl Trajectories {
         }
     }
 
-    fn begin_check(&mut self, trajectory: Trajectory, constants: &Constants, capacity: u32) -> Result<(), Refusal> {
-        self.clear();
-        let rows = trajectory.record_periods(constants.record_period_ns);
-        let fits = u32::try_from(rows).ok().filter(|&rows| rows <= capacity);
-        let rows = fits.ok_or(Refusal::TooManyRows { rows, capacity })?;
-        resolved(&trajectory, constants)?;
-        self.rows = rows;
-        self.trajectory = Some(trajectory);
-        self.stage = Stage::Checking(TrajectoryCheck::new());
-        Ok(())
+    /// Begins to check the trajectory in place, or forgets it. It is put in place before: four kilobytes of spline are
+    /// not to be copied to and fro.
+    fn begin_check(&mut self, constants: &Constants, capacity: u32) -> Result<(), Refusal> {
+        let Some(trajectory) = &self.trajectory else { return Err(Refusal::NoTrajectory) };
+        match rows_to_record(trajectory, constants, capacity) {
+            Ok(rows) => {
+                self.rows = rows;
+                self.stage = Stage::Checking(TrajectoryCheck::new());
+                Ok(())
+            }
+            Err(refusal) => {
+                self.clear();
+                Err(refusal)
+            }
+        }
     }
 
-    /// Goes on with a check, for a small part of a loop period.
-    pub(super) fn advance_check(&mut self, constants: &Constants) {
+    /// Goes on with a check, for a small part of a loop period: one sample while `powered`, when every tick has a law
+    /// to compute as well.
+    pub(super) fn advance_check(&mut self, constants: &Constants, powered: bool) {
         let (Stage::Checking(check), Some(trajectory)) = (&mut self.stage, &self.trajectory) else {
             return;
         };
-        for _ in 0..(constants.loop_period_ns / SAMPLE_NS).max(1) {
+        let samples = if powered { 1 } else { (constants.loop_period_ns as u32 / SAMPLE_NS).max(1) };
+        for _ in 0..samples {
             match check.advance(trajectory, constants) {
-                None => {}
-                Some(Ok(margins)) => {
+                Step::Goes => {}
+                Step::Passed { margins, ends_rad } => {
+                    self.ends_rad = ends_rad;
                     self.stage = Stage::Accepted(margins);
                     return;
                 }
-                Some(Err(error)) => {
+                Step::Failed(error) => {
                     self.clear();
                     self.stage = Stage::Refused(error);
                     return;
@@ -126,23 +158,52 @@ impl Trajectories {
         }
     }
 
-    /// The trajectory, if it may be run, and how many rows its recording has.
-    pub(super) fn accepted(&self) -> Option<(&Trajectory, u32)> {
+    /// The trajectory, if it may be run.
+    pub(super) fn accepted(&self) -> Option<Accepted<'_>> {
         match (&self.stage, &self.trajectory) {
-            (Stage::Accepted(_), Some(trajectory)) => Some((trajectory, self.rows)),
+            (Stage::Accepted(_), Some(trajectory)) => {
+                let [start_rad, end_rad] = self.ends_rad;
+                Some(Accepted { trajectory, start_rad, end_rad, rows: self.rows })
+            }
             _ => None,
         }
     }
 
-    pub(super) fn state(&self) -> TrajectoryState {
+    /// The state without its numbers.
+    pub(super) fn phase(&self) -> TrajectoryPhase {
         match &self.stage {
-            Stage::Empty => TrajectoryState::Empty,
-            Stage::Loading { points, .. } => {
-                TrajectoryState::Loading { received: self.points_rad.len() as u16, points: *points }
-            }
-            Stage::Checking(check) => TrajectoryState::Checking { checked: check.checked(), rows: self.rows },
-            Stage::Accepted(margins) => TrajectoryState::Accepted { margins: *margins, rows: self.rows },
-            Stage::Refused(error) => TrajectoryState::Refused(*error),
+            Stage::Empty => TrajectoryPhase::Empty,
+            Stage::Loading { .. } => TrajectoryPhase::Loading,
+            Stage::Checking(_) => TrajectoryPhase::Checking,
+            Stage::Accepted(_) => TrajectoryPhase::Accepted,
+            Stage::Refused(_) => TrajectoryPhase::Refused,
         }
     }
+
+    /// Answers with the state.
+    pub(super) fn report(&self, reply: &mut Reply) {
+        *reply = match &self.stage {
+            Stage::Empty => Reply::Trajectory(TrajectoryState::Empty),
+            Stage::Loading { points, .. } => {
+                Reply::Trajectory(TrajectoryState::Loading { received: self.points_rad.len() as u16, points: *points })
+            }
+            Stage::Checking(check) => {
+                Reply::Trajectory(TrajectoryState::Checking { checked: check.checked(), rows: self.rows })
+            }
+            Stage::Accepted(margins) => {
+                *reply = Reply::Trajectory(TrajectoryState::Accepted { margins: *margins, rows: self.rows });
+                return;
+            }
+            Stage::Refused(error) => Reply::Trajectory(TrajectoryState::Refused(*error)),
+        };
+    }
+}
+
+/// How many rows the recording of a movement has; or why it cannot be checked or recorded.
+fn rows_to_record(trajectory: &Trajectory, constants: &Constants, capacity: u32) -> Result<u32, Refusal> {
+    let rows = trajectory.record_periods(constants.record_period_ns);
+    let fits = u32::try_from(rows).ok().filter(|&rows| rows <= capacity);
+    let rows = fits.ok_or(Refusal::TooManyRows { rows, capacity })?;
+    admissible(trajectory, constants)?;
+    Ok(rows)
 }

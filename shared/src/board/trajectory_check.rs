@@ -3,13 +3,13 @@
 //! [`crate::trajectory::check`] looks at the whole movement at once, which takes the board a hundred ticks. Here a few
 //! record ticks are looked at each tick. Between two of them a quantity may be higher by interval²/8 times its second
 //! derivative; that is taken from differences of samples, which is sound because only movements that change slowly
-//! from sample to sample are admitted ([`resolved`]). Both checks agree to 3e-4 of each peak, and on the paper's
+//! from sample to sample are admitted ([`admissible`]). Both checks agree to 3e-4 of each peak, and on the paper's
 //! movement to the last bits (`tests/board`).
 
 use super::constants::Constants;
 use crate::control::JointReference;
 use crate::protocol::Refusal;
-use crate::trajectory::{LimitError, Margin, Margins, Quantity, Trajectory, margins};
+use crate::trajectory::{LONGEST_MOVEMENT_NS, LimitError, Margin, Margins, Quantity, Trajectory};
 
 /// Fewest record periods in the shortest period or fade of a movement: a sine sampled so often is between samples at
 /// most 1.3 % above its largest sample, and the correction for that is good to a hundredth of it.
@@ -19,8 +19,9 @@ const RECORDS_PER_PERIOD: u64 = 20;
 /// is looked at, so none of it is missed.
 const RECORDS_PER_INTERVAL: u64 = 2;
 
-/// Refuses a movement that changes too much from one record tick to the next to be judged by its record ticks.
-pub(super) fn resolved(trajectory: &Trajectory, constants: &Constants) -> Result<(), Refusal> {
+/// Refuses a movement that is malformed, or changes too much from one record tick to the next to be judged by its
+/// record ticks.
+pub(super) fn admissible(trajectory: &Trajectory, constants: &Constants) -> Result<(), Refusal> {
     let record_ns = constants.record_period_ns;
     let (shortest_ns, records) = match trajectory {
         Trajectory::Paper(paper) => (paper.period_ns / 2, RECORDS_PER_PERIOD),
@@ -35,10 +36,10 @@ pub(super) fn resolved(trajectory: &Trajectory, constants: &Constants) -> Result
     if shortest_ns < least_ns {
         return Err(Refusal::TooFine { shortest_ns, least_ns });
     }
-    if let Trajectory::Fourier(_) = trajectory {
-        // So coarse a step looks at the ends of three pieces only; what counts here is whether it is well formed.
-        margins(trajectory, &constants.motion_limits, constants.counts_per_rad(), trajectory.duration_ns())
-            .map_err(Refusal::Limit)?;
+    trajectory.well_formed().map_err(Refusal::Limit)?;
+    let duration_ns = trajectory.duration_ns();
+    if duration_ns > LONGEST_MOVEMENT_NS {
+        return Err(Refusal::Limit(LimitError::TooLong { duration_ns }));
     }
     Ok(())
 }
@@ -95,12 +96,49 @@ pub(super) struct TrajectoryCheck {
     checked: u32,
     before: Option<JointReference<f32>>,
     seen: [Seen; 2],
+    start_rad: [f32; 2],
     start_speed: [f32; 2],
+    stage: Stage,
+}
+
+/// What a check does next.
+#[derive(Clone, Copy, Debug)]
+enum Stage {
+    /// Looks at a sample.
+    Samples,
+    /// Works out where the movement ends, having looked at the last sample, this one.
+    End(JointReference<f32>),
+    /// Compares with the limits: the last sample, and where the movement ends.
+    Margins(JointReference<f32>, [f32; 2]),
+}
+
+/// What a step of a check came to.
+#[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "returned once a tick, and nothing here allocates")]
+pub(super) enum Step {
+    /// It is not over.
+    Goes,
+    /// The movement may be run.
+    Passed {
+        margins: Margins,
+        /// Joint angles at its start and its end, in rad.
+        ends_rad: [[f32; 2]; 2],
+    },
+    /// It breaks a limit, the first one found.
+    Failed(LimitError),
 }
 
 impl TrajectoryCheck {
     pub(super) fn new() -> Self {
-        Self { time_ns: 0, checked: 0, before: None, seen: [Seen::NOTHING; 2], start_speed: [0.0; 2] }
+        Self {
+            time_ns: 0,
+            checked: 0,
+            before: None,
+            seen: [Seen::NOTHING; 2],
+            start_rad: [0.0; 2],
+            start_speed: [0.0; 2],
+            stage: Stage::Samples,
+        }
     }
 
     /// Samples looked at.
@@ -108,28 +146,41 @@ impl TrajectoryCheck {
         self.checked
     }
 
-    /// Looks at one more sample. Some at the end of the movement: the margins, or the first limit broken.
-    pub(super) fn advance(
-        &mut self,
-        trajectory: &Trajectory,
-        constants: &Constants,
-    ) -> Option<Result<Margins, LimitError>> {
+    /// Looks at one more sample; after the last, two more steps come to the verdict.
+    pub(super) fn advance(&mut self, trajectory: &Trajectory, constants: &Constants) -> Step {
+        match self.stage {
+            Stage::Samples => self.sample(trajectory, constants),
+            Stage::End(last) => {
+                self.stage = Stage::Margins(last, trajectory.end_rad());
+                Step::Goes
+            }
+            Stage::Margins(last, end_rad) => {
+                let margins = self.margins(&last, trajectory, constants);
+                match margins.verdict() {
+                    Ok(()) => Step::Passed { margins, ends_rad: [self.start_rad, end_rad] },
+                    Err(error) => Step::Failed(error),
+                }
+            }
+        }
+    }
+
+    fn sample(&mut self, trajectory: &Trajectory, constants: &Constants) -> Step {
         // At the end itself the reference stands still; a nanosecond before, it has the velocity it arrives with.
         let last_ns = trajectory.duration_ns().saturating_sub(1);
         let reference = trajectory.reference::<f32>(self.time_ns);
         if let Err(error) = self.include(&reference) {
-            return Some(Err(error));
+            return Step::Failed(error);
         }
         if self.time_ns >= last_ns {
-            let margins = self.margins(&reference, trajectory, constants);
-            return Some(margins.verdict().map(|()| margins));
+            self.stage = Stage::End(reference);
+            return Step::Goes;
         }
         let mut next_ns = self.time_ns + constants.record_period_ns;
         if let Trajectory::Points(points) = trajectory {
             next_ns = next_ns.min((self.time_ns / points.interval_ns() + 1) * points.interval_ns());
         }
         self.time_ns = next_ns.min(last_ns);
-        None
+        Step::Goes
     }
 
     fn include(&mut self, reference: &JointReference<f32>) -> Result<(), LimitError> {
@@ -151,6 +202,7 @@ impl TrajectoryCheck {
                 let bend = seen.last_step.replace(step).map_or(0.0, |last| step - last);
                 seen.acceleration_bend = seen.acceleration_bend.max(bend.abs());
             } else {
+                self.start_rad[index] = position;
                 self.start_speed[index] = speed;
             }
         }

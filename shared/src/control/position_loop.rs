@@ -92,6 +92,7 @@ impl SampledLoop {
     ///
     /// Valid for delays up to one period; a longer one gets a limit of 0. Left out: flexibility of the joint, and the
     /// coupling of the joints beyond the least inertia.
+    #[inline]
     pub fn stability_limit(&self) -> StabilityLimit {
         if !(0.0..=self.period_s).contains(&self.command_delay_s) {
             return StabilityLimit::Damping(0.0);
@@ -123,6 +124,7 @@ impl SampledLoop {
 
     /// Accepts a gain in N m of motor torque per count only from zero up to, not including, the limit. NaN is
     /// refused.
+    #[inline]
     pub fn check_gain(&self, gain_nm_per_count: f64) -> Result<(), GainError> {
         let limit = self.stability_limit();
         if gain_nm_per_count >= 0.0 && gain_nm_per_count < limit.nm_per_count() {
@@ -148,6 +150,7 @@ struct UnitLoop {
 
 /// What a unit force does in `time` to a unit mass at rest with viscous friction `friction`: how far it goes and how
 /// fast it gets.
+#[inline]
 fn pushed(friction: f64, time: f64) -> (f64, f64) {
     let x = friction * time;
     // (1 − exp(−x))/x and (x − 1 + exp(−x))/x², by their series where the formulas cancel (error below 1e-12).
@@ -182,6 +185,7 @@ impl UnitLoop {
     }
 
     /// Whether every pole lies inside the unit circle (Hurwitz criterion of the quartic in w).
+    #[inline]
     fn is_stable(&self, gain: f64) -> bool {
         let Self { loss, numerator: [m0, m1, m2], lead } = *self;
         let kept = 2.0 - loss;

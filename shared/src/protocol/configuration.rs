@@ -203,6 +203,7 @@ impl Configuration {
     }
 
     /// CRC-32 of every number as a little-endian `f64`, in the order of the fields.
+    #[inline]
     pub fn crc(&self) -> u32 {
         let mut checksum = Checksum::new();
         let mut add = |number: f64| checksum.add(&number.to_le_bytes());
@@ -220,6 +221,7 @@ impl Configuration {
 
     /// CRC-32 of the constants that give f1..f9 their meaning: gear ratios, counts per turn and torque constants of
     /// both joints, and gravity. A model made for other values of these is refused.
+    #[inline]
     pub fn robot_identity(&self) -> u32 {
         let mut checksum = Checksum::new();
         for joint in &self.joints {

@@ -1,10 +1,12 @@
-//! Why the board switched the amplifiers off.
+//! Why the board switched the amplifiers off, or restarted.
 
 use super::Joint;
+use core::fmt::{self, Write as _};
 use serde::{Deserialize, Serialize};
 
 /// A reason to switch off. Every fault puts both commands at mid-scale and takes the amplifier-enable away in the tick
-/// that sees it; on a PUMA the brakes then engage, because they are released by power.
+/// that sees it; on a PUMA the brakes then engage, because they are released by power. Those that stop the firmware
+/// itself ([`Fault::halts`], [`Fault::Watchdog`]) do the same, and are known only after the restart that follows.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum Fault {
     /// The emergency stop was pressed while the amplifiers were on.
@@ -71,15 +73,110 @@ pub enum Fault {
         /// Four times what the speed limit allows, plus a margin.
         limit_counts: i32,
     },
+    /// A value kept twice no longer agrees with its copy: something changed the memory.
+    #[error("memory-corrupted: the pose to hold no longer agrees with its copy; {}", self.remedy())]
+    MemoryCorrupted,
     /// Computed torque gave a command that is not a number.
     #[error("bad-model: the model gave no finite command for {joint}; {}", self.remedy())]
     BadModel {
         /// Which joint.
         joint: Joint,
     },
+    /// The firmware found itself in a state it was not written for, and stopped.
+    #[error("panic: the firmware stopped at {place}; {}", self.remedy())]
+    Panic {
+        /// Where in the firmware.
+        place: SourcePlace,
+    },
+    /// The processor could not go on: an instruction it does not know, a memory it may not touch, and the like.
+    #[error("hard-fault: the processor stopped at {program_counter:#010x}, status {status:#010x}; {}", self.remedy())]
+    HardFault {
+        /// Address of the instruction; 0 where the stack had overflowed.
+        program_counter: u32,
+        /// The processor's CFSR register (ARMv7-M B3.2.15).
+        status: u32,
+    },
+    /// An address did not answer.
+    #[error("bus-error: {address:#010x} did not answer the instruction at {program_counter:#010x}; {}", self.remedy())]
+    BusError {
+        /// Address of the instruction, or of one shortly after it; 0 where the stack had overflowed.
+        program_counter: u32,
+        /// The address, 0 where it is not known.
+        address: u32,
+    },
+    /// An interrupt came that nobody expects, such as the one of a failed clock.
+    #[error("unexpected-interrupt: interrupt {number} came, which nobody expects; {}", self.remedy())]
+    UnexpectedInterrupt {
+        /// Its number; −14 for the NMI.
+        number: i16,
+    },
+    /// The watchdog restarted the board, because control ticks or tasks stopped.
+    #[error("watchdog: the control ticks or the tasks stopped, and the watchdog restarted the board; {}", self.remedy())]
+    Watchdog,
+}
+
+/// A line of source code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SourcePlace {
+    /// The last bytes of the file's path, zeros before them.
+    file: [u8; SourcePlace::FILE_BYTES],
+    /// Number of the line, from 1; 0 where the place is not known.
+    line: u32,
+}
+
+impl SourcePlace {
+    /// How much of the path is kept.
+    const FILE_BYTES: usize = 20;
+
+    /// A place that is not known.
+    pub const UNKNOWN: Self = Self { file: [0; Self::FILE_BYTES], line: 0 };
+
+    /// A line of the file at `path`.
+    pub fn new(path: &str, line: u32) -> Self {
+        let mut place = Self { line, ..Self::UNKNOWN };
+        for (kept, byte) in place.file.iter_mut().rev().zip(path.bytes().rev()) {
+            *kept = byte;
+        }
+        place
+    }
+}
+
+/// `link.rs:57`: the end of the path, whole names where one fits.
+impl fmt::Display for SourcePlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.line == 0 {
+            return f.write_str("a place that is not known");
+        }
+        let start = self.file.iter().position(|&byte| byte == b'/').map_or(0, |separator| separator + 1);
+        for &byte in self.file.iter().skip(start).filter(|&&byte| byte != 0) {
+            f.write_char(if byte.is_ascii_graphic() { char::from(byte) } else { '?' })?;
+        }
+        write!(f, ":{}", self.line)
+    }
 }
 
 impl Fault {
+    /// What the processor's fault registers say: CFSR in `status` and BFAR in `address` (ARMv7-M B3.2.15, B3.2.18).
+    pub fn of_processor(program_counter: u32, status: u32, address: u32) -> Self {
+        /// Every kind of bus fault.
+        const BUS_FAULTS: u32 = 0x7F00;
+        /// Whether the address register holds the address.
+        const ADDRESS_VALID: u32 = 1 << 15;
+        if status & BUS_FAULTS == 0 {
+            return Self::HardFault { program_counter, status };
+        }
+        let address = if status & ADDRESS_VALID == 0 { 0 } else { address };
+        Self::BusError { program_counter, address }
+    }
+
+    /// Whether nothing runs any more after it until the watchdog restarts the board.
+    pub fn halts(&self) -> bool {
+        matches!(
+            self,
+            Self::Panic { .. } | Self::HardFault { .. } | Self::BusError { .. } | Self::UnexpectedInterrupt { .. }
+        )
+    }
+
     /// The fault's name: what `info`, logs and reports show.
     pub fn name(&self) -> &'static str {
         match self {
@@ -91,7 +188,13 @@ impl Fault {
             Self::LinkLost { .. } => "link-lost",
             Self::DeadlineMissed => "deadline-missed",
             Self::EncoderJump { .. } => "encoder-jump",
+            Self::MemoryCorrupted => "memory-corrupted",
             Self::BadModel { .. } => "bad-model",
+            Self::Panic { .. } => "panic",
+            Self::HardFault { .. } => "hard-fault",
+            Self::BusError { .. } => "bus-error",
+            Self::UnexpectedInterrupt { .. } => "unexpected-interrupt",
+            Self::Watchdog => "watchdog",
         }
     }
 
@@ -108,7 +211,13 @@ impl Fault {
             Self::LinkLost { .. } => "check the cable; while a movement runs, send keep-alives or read the stream",
             Self::DeadlineMissed => "choose a longer loop period, and report the timing shown by info",
             Self::EncoderJump { .. } => "check the encoder's wiring and shielding, then declare the pose again",
+            Self::MemoryCorrupted => "restart the board, and replace it if this happens again",
             Self::BadModel { .. } => "identify the arm again and upload the new model",
+            Self::Panic { .. }
+            | Self::HardFault { .. }
+            | Self::BusError { .. }
+            | Self::UnexpectedInterrupt { .. }
+            | Self::Watchdog => "report this with what info shows; the board has restarted, idle and without a pose",
         }
     }
 }

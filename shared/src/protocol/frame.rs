@@ -13,20 +13,30 @@ static CRC_32: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 const CRC_BYTES: usize = 4;
 
 /// A CRC-32 of bytes given one after the other.
-pub(super) struct Checksum(Digest<'static, u32, Table<1>>);
+pub(crate) struct Checksum(Digest<'static, u32, Table<1>>);
 
 impl Checksum {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(CRC_32.digest())
     }
 
-    pub(super) fn add(&mut self, bytes: &[u8]) {
+    #[inline(never)]
+    pub(crate) fn add(&mut self, bytes: &[u8]) {
         self.0.update(bytes);
     }
 
-    pub(super) fn finish(self) -> u32 {
+    pub(crate) fn finish(self) -> u32 {
         self.0.finalize()
     }
+}
+
+/// The CRC-32 of pieces one after the other.
+pub(crate) fn crc_32(pieces: &[&[u8]]) -> u32 {
+    let mut checksum = Checksum::new();
+    for piece in pieces {
+        checksum.add(piece);
+    }
+    checksum.finish()
 }
 
 /// Why a message could not be put into a frame.
@@ -49,12 +59,14 @@ pub enum EncodeError {
 }
 
 /// Puts a host's message into a frame in `buffer`; [`super::MAX_FRAME`] bytes are always enough. Returns the frame.
+#[inline]
 pub fn encode_host_message<'a>(message: &HostMessage, buffer: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
     let handshake = matches!(message.request, Request::Hello { .. });
     encode(message, handshake, buffer)
 }
 
 /// Puts a board's message into a frame in `buffer`; [`super::MAX_FRAME`] bytes are always enough. Returns the frame.
+#[inline]
 pub fn encode_board_message<'a>(message: &BoardMessage, buffer: &'a mut [u8]) -> Result<&'a [u8], EncodeError> {
     let handshake = matches!(message, BoardMessage::Reply { reply: Reply::WrongVersion { .. }, .. });
     encode(message, handshake, buffer)
@@ -195,11 +207,13 @@ impl<const N: usize> Decoder<N> {
     }
 
     /// Takes the next byte at the board's end. Some at the end of a frame: the message, or why there is none.
+    #[inline]
     pub fn host_message(&mut self, byte: u8) -> Option<Result<HostMessage, FrameError>> {
         self.message(byte, |message: &HostMessage| matches!(message.request, Request::Hello { .. }))
     }
 
     /// Takes the next byte at the host's end. Some at the end of a frame: the message, or why there is none.
+    #[inline]
     pub fn board_message(&mut self, byte: u8) -> Option<Result<BoardMessage, FrameError>> {
         self.message(byte, |message: &BoardMessage| {
             matches!(message, BoardMessage::Reply { reply: Reply::WrongVersion { .. }, .. })

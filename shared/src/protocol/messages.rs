@@ -32,7 +32,8 @@ pub enum Request {
     /// Stages one part of the configuration; only in [`Mode::Idle`]. → [`Reply::Done`].
     Configure(ConfigurationPart),
     /// Checks the staged parts and makes them the configuration, whole; only in [`Mode::Idle`]. Forgets pose,
-    /// trajectory and models if the robot's identity changes. → [`Reply::Done`].
+    /// trajectory and models if the robot's identity changes. The board then stores it by itself, as it does an
+    /// activated model; [`Status::stored`] says when that is done. → [`Reply::Done`].
     ApplyConfiguration {
         /// [`super::Configuration::crc`] of what the host means.
         crc: u32,
@@ -89,6 +90,9 @@ pub enum Request {
     ReadModel(ModelSlot),
     /// Ends [`Mode::Fault`], to [`Mode::Idle`]; nothing in other modes. → [`Reply::Done`].
     ClearFault,
+    /// Forgets what is kept over a restart; what is active stays active until then. Only in [`Mode::Idle`].
+    /// → [`Reply::Done`] as soon as that is noted; [`Status::stored`] says when it is done.
+    ForgetParameters,
 }
 
 /// One of the two models the board holds.
@@ -167,19 +171,6 @@ pub enum TrajectoryPhase {
     Accepted,
     /// It breaks a limit and was thrown away.
     Refused,
-}
-
-impl TrajectoryState {
-    /// The state without its numbers.
-    pub fn phase(&self) -> TrajectoryPhase {
-        match self {
-            Self::Empty => TrajectoryPhase::Empty,
-            Self::Loading { .. } => TrajectoryPhase::Loading,
-            Self::Checking { .. } => TrajectoryPhase::Checking,
-            Self::Accepted { .. } => TrajectoryPhase::Accepted,
-            Self::Refused(_) => TrajectoryPhase::Refused,
-        }
-    }
 }
 
 /// What the board sends.

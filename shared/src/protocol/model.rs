@@ -32,6 +32,12 @@ impl Model {
     /// Accepts a model only for the robot it was made for, with every number finite, f1..f9 in `range`, friction not
     /// negative, and D(q) positive definite for every q3 ([`Arm::check_inertia`]). Constant time.
     pub fn check(&self, robot_identity: u32, range: &ModelRange) -> Result<(), ModelError> {
+        self.check_ranges(robot_identity, range)?;
+        self.check_dynamics()
+    }
+
+    /// The part of [`Self::check`] that depends on the robot, or only compares.
+    pub(crate) fn check_ranges(&self, robot_identity: u32, range: &ModelRange) -> Result<(), ModelError> {
         if self.robot_identity != robot_identity {
             return Err(ModelError::OtherRobot { model: self.robot_identity, board: robot_identity });
         }
@@ -52,6 +58,12 @@ impl Model {
                 }
             }
         }
+        Ok(())
+    }
+
+    /// The part of [`Self::check`] that depends on the model alone and takes calculation.
+    #[inline]
+    pub(crate) fn check_dynamics(&self) -> Result<(), ModelError> {
         Arm { f: self.f, gravity_m_s2: 0.0 }.check_inertia().map_err(|error| match error {
             ArmError::NotFinite { number, value } => ModelError::NotFinite { number: number as u8, value },
             ArmError::JointInertia { value } => ModelError::JointInertia { value },

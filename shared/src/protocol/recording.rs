@@ -50,18 +50,24 @@ impl PackedSample {
     /// The row of number `index`, given a reference less than 2¹⁵ counts from its own: that of the row before, or its
     /// own.
     pub fn unpack(&self, index: u32, near_reference_counts: [i32; 2]) -> Sample {
-        let [e0, e1, e2, e3, r0, r1, r2, r3, c0, c1, c2, u0, u1, u2] = self.0;
-        let [near0, near1] = near_reference_counts;
+        let [e0, e1, e2, e3, _, _, _, _, c0, c1, c2, u0, u1, u2] = self.0;
         Sample {
             index,
-            reference_counts: [
-                continue_reference(near0, u16::from_le_bytes([r0, r1])),
-                continue_reference(near1, u16::from_le_bytes([r2, r3])),
-            ],
+            reference_counts: self.reference_counts(near_reference_counts),
             error_counts: [i16::from_le_bytes([e0, e1]), i16::from_le_bytes([e2, e3])],
             current_code: unpack_codes([c0, c1, c2]),
             command_code: unpack_codes([u0, u1, u2]),
         }
+    }
+
+    /// The row's reference alone, given one less than 2¹⁵ counts from it.
+    pub fn reference_counts(&self, near_reference_counts: [i32; 2]) -> [i32; 2] {
+        let [_, _, _, _, r0, r1, r2, r3, ..] = self.0;
+        let [near0, near1] = near_reference_counts;
+        [
+            continue_reference(near0, u16::from_le_bytes([r0, r1])),
+            continue_reference(near1, u16::from_le_bytes([r2, r3])),
+        ]
     }
 }
 

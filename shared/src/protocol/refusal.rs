@@ -50,6 +50,11 @@ pub enum Refusal {
     /// The emergency stop is pressed.
     #[error("the emergency stop is pressed; release it first")]
     EmergencyStop,
+    /// The flash memory is being written to, which must not happen while the amplifiers are on.
+    #[error(
+        "the board is storing its parameters; arm again in some 20 ms, or up to 4 s when the memory has to be erased"
+    )]
+    Storing,
     /// No trajectory is loaded and accepted.
     #[error("no trajectory is loaded, checked and accepted; load one and wait for the check")]
     NoTrajectory,

@@ -1,6 +1,6 @@
 //! What the board is and what it is doing.
 
-use super::{Fault, LimitsActive, RecordingInfo, TrajectoryPhase};
+use super::{Fault, LimitsActive, RecordingInfo, StoredParameters, TrajectoryPhase};
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
@@ -93,6 +93,8 @@ pub struct Status {
     pub position_counts: [i32; 2],
     /// Whether a pose was declared and the counters have been followed without a jump ever since.
     pub pose_known: bool,
+    /// Reference less actual position in counts; 0 while the amplifiers are off.
+    pub error_counts: [i32; 2],
     /// Measured armature currents in A.
     pub current_a: [f32; 2],
     /// Whether the emergency stop is pressed.
@@ -105,6 +107,8 @@ pub struct Status {
     pub active_model_crc: Option<u32>,
     /// CRC-32 of the staged model; `None` where there is none.
     pub staged_model_crc: Option<u32>,
+    /// What is kept over a restart.
+    pub stored: StoredParameters,
     /// How far the trajectory is loaded and checked.
     pub trajectory: TrajectoryPhase,
     /// What the recording holds.
@@ -124,6 +128,19 @@ pub enum ResetCause {
     Software,
     /// None of these, or not a board.
     Other,
+}
+
+impl ResetCause {
+    /// The cause's name as shown to people and programs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PowerOn => "power-on",
+            Self::Pin => "reset-pin",
+            Self::Watchdog => "watchdog",
+            Self::Software => "software",
+            Self::Other => "other",
+        }
+    }
 }
 
 /// What the firmware knows about itself and its chip; given to the board when it is built.
@@ -148,7 +165,7 @@ pub struct BoardIdentity {
 pub struct Timing {
     /// Frequency of the cycle counter in Hz.
     pub cycles_per_second: u32,
-    /// Longest control tick in cycles, requests included.
+    /// Longest control tick in cycles, requests included, since the amplifiers were last switched on.
     pub worst_tick_cycles: u32,
     /// Latest start of a control tick after its timer event, in cycles.
     pub worst_start_cycles: u32,
@@ -184,7 +201,8 @@ pub struct Info {
     pub knot_capacity: u16,
     /// [`super::Configuration::robot_identity`] of the applied configuration; `None` where there is none.
     pub robot_identity: Option<u32>,
-    /// The latest fault since the start, cleared or not; or, from the firmware, the one before a reset.
+    /// The latest fault, cleared or not: since the start, or else the last one before it, of those that were kept over
+    /// the reset ([`crate::board::KeptFault`]).
     pub last_fault: Option<Fault>,
     /// Times measured by the firmware.
     pub timing: Timing,

@@ -32,21 +32,22 @@ impl Approach {
         limits.usable(counts_per_rad, record_period_ns)?;
         Part::Start.finite(from_rad)?;
         Part::End.finite(to_rad)?;
-        let mut duration_s = 0.0_f64;
+        let mut duration_s = 0.0_f32;
         for joint in 0..2 {
             limits.row(Quantity::PositionLow, joint, to_rad[joint], 0).verdict()?;
             limits.row(Quantity::PositionHigh, joint, to_rad[joint], 0).verdict()?;
-            let distance = (f64::from(to_rad[joint]) - f64::from(from_rad[joint])).abs();
-            let counting_limit = f64::from(limits.counts_per_tick)
-                / (f64::from(counts_per_rad[joint]).abs() * seconds::<f64>(record_period_ns));
-            let speed = f64::from(limits.speed_rad_s[joint]).min(counting_limit);
-            let acceleration = f64::from(limits.acceleration_rad_s2[joint]);
+            let distance = (to_rad[joint] - from_rad[joint]).abs();
+            let counting_limit =
+                limits.counts_per_tick / (counts_per_rad[joint].abs() * seconds::<f32>(record_period_ns));
+            let speed = limits.speed_rad_s[joint].min(counting_limit);
+            let acceleration = limits.acceleration_rad_s2[joint];
             duration_s = duration_s
-                .max(f64::from(STEP_PEAKS[1]) * distance / speed)
-                .max(libm::sqrt(f64::from(STEP_PEAKS[2]) * distance / acceleration));
+                .max(STEP_PEAKS[1] * distance / speed)
+                .max(libm::sqrtf(STEP_PEAKS[2] * distance / acceleration));
         }
-        // A millionth slower, so that rounding in f32 does not carry the peaks over the limits.
-        let duration_ns = libm::ceil(duration_s * (1.0 + 1.0e-6) * 1.0e9) as u64;
+        // A little slower, so that rounding in f32 does not carry the peaks over the limits. The cast takes what is
+        // too large for the largest integer.
+        let duration_ns = (duration_s * ((1.0 + 2.0e-6) * 1.0e9)) as u64;
         if duration_ns > LONGEST_MOVEMENT_NS {
             return Err(LimitError::TooLong { duration_ns });
         }

@@ -134,7 +134,8 @@ impl Extremes {
 }
 
 impl Trajectory {
-    fn well_formed(&self) -> Result<(), LimitError> {
+    /// Refuses what has no meaning as a movement: an empty period, numbers that are not finite and the like.
+    pub(crate) fn well_formed(&self) -> Result<(), LimitError> {
         match self {
             Self::Paper(paper) if paper.period_ns == 0 => Err(LimitError::Zero { part: Part::Period }),
             Self::Paper(_) => Ok(()),

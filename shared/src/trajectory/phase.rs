@@ -7,13 +7,42 @@ use crate::scalar::Number;
 /// Exact for every time and period, so a phase does not drift however long the movement. Truncation to 2⁻³² turn is
 /// 1.5e-9 rad: 2e-5 count at an amplitude of 10 780 counts.
 ///
-/// Binary long division, 32 equal steps: a 128-bit division would cost the board several times as much.
+/// Long division by two digits of 16 bits, each estimated from the leading bits with the 32-bit division that a
+/// processor has, and then corrected (Knuth, The Art of Computer Programming 2, 4.3.1, algorithm D): a 128-bit division
+/// would cost the board many times as much.
 pub fn phase(time_ns: u64, period_ns: u64) -> u32 {
+    /// Bits of the divisor once it is shifted: a remainder less twice the divisor still fits a signed 64-bit number.
+    const DIVISOR_BITS: u32 = 62;
     if period_ns == 0 {
         return 0;
     }
     // Mostly already inside the period, and the division is slow on a 32-bit processor.
     let mut remainder = if time_ns < period_ns { time_ns } else { time_ns % period_ns };
+    let Some(shift) = period_ns.leading_zeros().checked_sub(u64::BITS - DIVISOR_BITS) else {
+        return binary_phase(remainder, period_ns);
+    };
+    let divisor = period_ns << shift;
+    remainder <<= shift;
+    // Of 16 bits, the highest of them set.
+    let leading = (divisor >> (DIVISOR_BITS - 16)) as u32;
+    let mut fraction = 0_u32;
+    for _ in 0..2 {
+        // At most two too large.
+        let mut digit = (remainder >> (DIVISOR_BITS - 32)) as u32 / leading;
+        remainder = (remainder << 16).wrapping_sub(divisor.wrapping_mul(u64::from(digit)));
+        for _ in 0..2 {
+            if remainder.cast_signed() < 0 {
+                remainder = remainder.wrapping_add(divisor);
+                digit = digit.wrapping_sub(1);
+            }
+        }
+        fraction = fraction << 16 | digit;
+    }
+    fraction
+}
+
+/// The same bit by bit, for periods of more than 146 years, whose remainders leave no bits to spare.
+fn binary_phase(mut remainder: u64, period_ns: u64) -> u32 {
     let mut fraction = 0_u32;
     for _ in 0..32 {
         // Doubling the remainder directly could overflow.

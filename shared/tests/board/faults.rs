@@ -307,6 +307,7 @@ proptest! {
             board.handle(if serial { Link::Serial } else { Link::Usb }, sequence, &request);
             board.handle(Link::Serial, sequence, &hello);
             let outputs = board.tick(&inputs);
+            board.advance_check();
             prop_assert_eq!((outputs.command_code, outputs.amplifier_enable), ([MID_SCALE; 2], false));
             prop_assert_eq!(board.mode(), Mode::Idle);
         }
@@ -337,6 +338,7 @@ proptest! {
                 quiet.counts[0] += i32::from(tick % 3 == 0);
                 let disturbed = tick == ticks - 1 && inputs.deadline_missed && inputs.emergency_stop;
                 let outputs = board.tick(if disturbed { &inputs } else { &quiet });
+                board.advance_check();
                 prop_assert_eq!(outputs.amplifier_enable, board.mode().is_powered());
                 prop_assert!(outputs.command_code.iter().all(|&code| code < 4096));
                 if !outputs.amplifier_enable {
@@ -360,6 +362,7 @@ fn ready() -> Board<Vec<PackedSample>> {
     board.handle(Link::Usb, 2, &Request::LoadTrajectory(TrajectoryPart::Paper(paper)));
     for _ in 0..400 {
         board.tick(&QUIET);
+        board.advance_check();
     }
     assert_eq!(board.handle(Link::Usb, 3, &Request::Arm), Reply::Done);
     let run = Request::Run { law: ControlLaw::ComputedTorque, stream: false, settle_ns: 0 };

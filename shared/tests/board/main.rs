@@ -1,9 +1,11 @@
 //! The board as a state machine around a simulated arm: movements, faults, requests.
 
 mod faults;
+mod kept_faults;
 mod movements;
 mod requests;
 mod rig;
+mod storing;
 
 /// The firmware's budget: 147 KB of rows and the board itself in the 192 KB of an STM32F429's main memory.
 #[test]

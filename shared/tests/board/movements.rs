@@ -42,6 +42,24 @@ fn the_position_loop_errs_as_much_as_it_should() {
     assert_eq!(rig.events, [&path[..], &[Mode::Holding(ControlLaw::Position)]].concat());
 }
 
+/// What a second link sees of a movement: at every row the errors of that row, and none with the amplifiers off.
+#[test]
+fn the_status_tells_the_errors_of_the_last_tick() {
+    let mut rig = Rig::loaded(configuration());
+    assert_eq!(rig.status().error_counts, [0, 0]);
+    let mut rig = Rig::running(configuration());
+    let mut compared = 0;
+    for _ in 0..1000 {
+        if let Some(telemetry) = rig.tick().telemetry {
+            assert_eq!(rig.status().error_counts, telemetry.sample.error_counts.map(i32::from));
+            compared += i32::from(telemetry.sample.error_counts != [0, 0]);
+        }
+    }
+    assert!(compared > 500, "{compared} rows with an error");
+    rig.ok(Request::Disarm);
+    assert_eq!(rig.status().error_counts, [0, 0]);
+}
+
 /// The promise of the method: an exact model holds the arm within ±1 count.
 #[test]
 fn computed_torque_with_the_exact_model_stays_within_a_count() {

@@ -249,6 +249,7 @@ impl Rig {
             tamper(&mut inputs);
         }
         let outputs = self.board.tick(&inputs);
+        self.board.advance_check();
         assert_eq!(outputs.amplifier_enable, self.board.mode().is_powered());
         if !outputs.amplifier_enable {
             assert_eq!(outputs.command_code, [MID_SCALE; 2], "only mid-scale while the amplifiers are off");

@@ -80,6 +80,7 @@ pub fn longest_requests() -> Vec<Request> {
         Request::CommitModel { crc: u32::MAX },
         Request::ReadModel(ModelSlot::Active),
         Request::ClearFault,
+        Request::ForgetParameters,
     ];
     requests.extend(configuration().parts().map(Request::Configure));
     requests
@@ -156,12 +157,19 @@ pub fn longest_board_messages() -> Vec<BoardMessage> {
             tick: u64::MAX,
             position_counts: [i32::MIN; 2],
             pose_known: true,
+            error_counts: [i32::MIN; 2],
             current_a: [f32::MIN; 2],
             emergency_stop: true,
             limits_active: limits,
             configuration_crc: Some(u32::MAX),
             active_model_crc: Some(u32::MAX),
             staged_model_crc: Some(u32::MAX),
+            stored: StoredParameters {
+                state: StoreState::Failed(StoreFailure::Controller { status: u32::MAX }),
+                configuration_crc: Some(u32::MAX),
+                model_crc: Some(u32::MAX),
+                damaged_records: u8::MAX,
+            },
             trajectory: TrajectoryPhase::Refused,
             recording,
         }),
@@ -183,6 +191,7 @@ pub fn longest_board_messages() -> Vec<BoardMessage> {
         }),
         Reply::Model { slot: ModelSlot::Active, model: Some(model()), crc: u32::MAX },
         Reply::Refused(Refusal::WrongMode { mode: Mode::Fault(fault) }),
+        Reply::Refused(Refusal::Storing),
         Reply::Refused(Refusal::Model(ModelError::OutOfRange { number: 9, value: 1.0, low: 2.0, high: 3.0 })),
         Reply::Refused(Refusal::Configuration(ConfigurationError::UnstableGain {
             joint: Joint::Third,

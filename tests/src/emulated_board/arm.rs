@@ -39,8 +39,10 @@ pub struct SimulatedArm {
     ahead: State<f64>,
     current_a: [f64; 2],
     powered: bool,
-    /// What the encoders have put out.
+    /// What the encoders have put out because the arm moved.
     counts: [i64; 2],
+    /// What they have put out because somebody turned the motor with the arm uncoupled.
+    by_hand_counts: [i64; 2],
 }
 
 impl SimulatedArm {
@@ -58,6 +60,7 @@ impl SimulatedArm {
             current_a: [0.0; 2],
             powered: false,
             counts: [0; 2],
+            by_hand_counts: [0; 2],
         }
     }
 
@@ -130,9 +133,15 @@ impl SimulatedArm {
         self.levels(edge.joint)
     }
 
+    /// Somebody turns a motor by one edge, with the arm uncoupled; returns the levels of its two channels after it.
+    pub fn turn_by_hand(&mut self, joint: usize, up: bool) -> [bool; 2] {
+        self.by_hand_counts[joint] += if up { 1 } else { -1 };
+        self.levels(joint)
+    }
+
     /// The levels of a joint's two channels: the first leads when the count goes up.
     pub fn levels(&self, joint: usize) -> [bool; 2] {
-        match self.counts[joint].rem_euclid(4) {
+        match (self.counts[joint] + self.by_hand_counts[joint]).rem_euclid(4) {
             0 => [false, false],
             1 => [true, false],
             2 => [true, true],

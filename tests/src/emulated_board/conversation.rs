@@ -4,7 +4,10 @@ use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::Duration;
 
-use super::bench::{Answer, Command};
+use shared::protocol::Link;
+
+use super::command::{Answer, Command, PowerCut, Until};
+use super::usb::UsbAction;
 
 /// What the host keeps of the conversation.
 #[derive(Debug)]
@@ -13,9 +16,11 @@ pub struct Conversation {
     commands: Option<Sender<Command>>,
     answers: Receiver<Answer>,
     now_ns: u64,
-    to_board: Vec<u8>,
     from_board: VecDeque<u8>,
-    emergency_stop: bool,
+    from_usb: VecDeque<u8>,
+    usb_is_open: bool,
+    /// What the bench is told next; what stays true stays in it.
+    next: Command,
 }
 
 impl Conversation {
@@ -25,9 +30,10 @@ impl Conversation {
             commands: Some(commands),
             answers,
             now_ns: 0,
-            to_board: Vec::new(),
             from_board: VecDeque::new(),
-            emergency_stop: false,
+            from_usb: VecDeque::new(),
+            usb_is_open: false,
+            next: Command::default(),
         }
     }
 
@@ -36,41 +42,71 @@ impl Conversation {
         Duration::from_nanos(self.now_ns)
     }
 
-    /// Puts bytes on the line as soon as time goes on.
-    pub fn send(&mut self, bytes: &[u8]) {
-        self.to_board.extend_from_slice(bytes);
+    /// Sends bytes over a link as soon as time goes on.
+    pub fn send(&mut self, link: Link, bytes: &[u8]) {
+        match link {
+            Link::Usb => self.next.to_usb.extend_from_slice(bytes),
+            Link::Serial => self.next.to_board.extend_from_slice(bytes),
+        }
     }
 
-    /// Presses or releases the emergency stop as soon as time goes on.
-    pub fn set_emergency_stop(&mut self, pressed: bool) {
-        self.emergency_stop = pressed;
+    /// Lets something happen on USB so much later.
+    pub fn plan_on_usb(&mut self, after: Duration, action: UsbAction) {
+        let at_ns = self.until_ns(after);
+        self.next.usb_actions.push((at_ns, action));
+    }
+
+    /// Whether the USB port is open.
+    pub fn usb_is_open(&self) -> bool {
+        self.usb_is_open
+    }
+
+    /// What else is to happen as soon as time goes on.
+    pub fn next(&mut self) -> &mut Command {
+        &mut self.next
+    }
+
+    /// Cuts the power, counted from when time goes on.
+    pub fn cut_power(&mut self, when: PowerCut) {
+        self.next.power_cut = Some(when);
     }
 
     /// Lets the board run until it has sent a frame, for at most `timeout`; nothing when the emulation has ended.
-    pub fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Option<usize> {
-        if self.from_board.is_empty() {
-            self.run(timeout, true)?;
+    pub fn receive(&mut self, link: Link, buffer: &mut [u8], timeout: Duration) -> Option<usize> {
+        if self.from(link).is_empty() {
+            self.run(timeout, Until::Frame(link))?;
         }
-        let count = buffer.len().min(self.from_board.len());
-        for (slot, byte) in buffer.iter_mut().zip(self.from_board.drain(..count)) {
+        let from = self.from(link);
+        let count = buffer.len().min(from.len());
+        for (slot, byte) in buffer.iter_mut().zip(from.drain(..count)) {
             *slot = byte;
         }
         Some(count)
     }
 
     /// Lets the board run; nothing when the emulation has ended.
-    pub fn run(&mut self, duration: Duration, until_frame: bool) -> Option<()> {
-        let command = Command {
-            to_board: std::mem::take(&mut self.to_board),
-            emergency_stop: self.emergency_stop,
-            run_until_ns: self.now_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)),
-            until_frame,
-        };
+    pub fn run(&mut self, duration: Duration, until: Until) -> Option<()> {
+        let run_until_ns = self.until_ns(duration);
+        let next = Command { emergency_stop: self.next.emergency_stop, ..Command::default() };
+        let command = Command { run_until_ns, until, ..std::mem::replace(&mut self.next, next) };
         self.commands.as_ref()?.send(command).ok()?;
         let answer = self.answers.recv().ok()?;
         self.now_ns = answer.at_ns;
         self.from_board.extend(answer.from_board);
+        self.from_usb.extend(answer.from_usb);
+        self.usb_is_open = answer.usb_is_open;
         Some(())
+    }
+
+    fn until_ns(&self, duration: Duration) -> u64 {
+        self.now_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX))
+    }
+
+    fn from(&mut self, link: Link) -> &mut VecDeque<u8> {
+        match link {
+            Link::Usb => &mut self.from_usb,
+            Link::Serial => &mut self.from_board,
+        }
     }
 
     /// Ends the run.

@@ -2,20 +2,23 @@
 
 use std::num::{NonZeroU32, NonZeroU64};
 
+use rigless::chip::uart::Rate;
 use rigless::cpu::armv7m::windows;
-use rigless::device::Level;
+use rigless::device::{DeviceContext, Level};
 use rigless::machine::{Board, Crystal, Target, armv7m};
-use rigless::mcu::{Mcu, Operate as _};
+use rigless::mcu::{Bare, Mcu, Operate as _};
 use rigless::snapshot::Store;
 use rigless::soc::Error;
 use rigless::soc::st::tim;
+use rigless::soc::stm32f427::Stm32f427;
+use rigless::soc::stm32f427::generated::{FLASH, flash::Register, gpioa};
 use rigless::soc::stm32f427::peripherals::{
     adc,
     gpio::{Gpio, Pin},
 };
 use rigless::time::VirtualNanos;
 
-use super::{part::Part, wire::Wire};
+use super::{flash, part::Part, usb::Usb, wire::Wire};
 
 /// Clock of the core and of TIM1.
 pub const CORE_CLOCK_HZ: u64 = 168_000_000;
@@ -34,13 +37,35 @@ const SUPPLY_MV: u32 = 3300;
 /// reference one of them is exactly one code, so that nothing is rounded twice.
 const CONVERTER_REFERENCE_MV: u32 = 4095;
 
-/// Inputs for the currents of joint 2 and 3: PA3 and PC0.
-const CURRENT_CHANNELS: [u8; 2] = [3, 10];
+/// What an input of the converters shows while its pin is not analogue, and so cut off: the largest current, so that
+/// it does not go unnoticed.
+const CUT_OFF_CODE: u16 = 4095;
+
+/// A pin that has to be analogue to reach a converter, or be reached by one.
+#[derive(Clone, Copy)]
+struct AnaloguePin {
+    port: usize,
+    pin: u8,
+}
+
+/// Inputs for the currents of joint 2 and 3: the channel of the converter, ADC1 and ADC2, and its pin.
+const CURRENT_INPUTS: [(u8, AnaloguePin); 2] =
+    [(3, AnaloguePin { port: PORT_A, pin: 3 }), (10, AnaloguePin { port: PORT_C, pin: 0 })];
+
+/// Outputs for the current commands of joint 2 and 3.
+const COMMAND_OUTPUTS: [AnaloguePin; 2] = [AnaloguePin { port: PORT_A, pin: 4 }, AnaloguePin { port: PORT_A, pin: 5 }];
+
+/// Mode of a pin in the port's mode register (RM0090, 8.4.1).
+const MODE_ANALOGUE: u64 = 3;
 
 const PORT_A: usize = 0;
 const PORT_B: usize = 1;
+const PORT_C: usize = 2;
 const PORT_D: usize = 3;
 const PORT_F: usize = 5;
+
+/// Makes the noise of the serial line, when there is any.
+const LINE_SEED: u64 = 1;
 
 /// USART3 among the emulator's serial ports.
 const SERIAL_PORT: usize = 2;
@@ -76,6 +101,10 @@ const ENCODERS: [EncoderInput; 2] = [
 const SERIAL_PINS: [FunctionPin; 2] =
     [FunctionPin { port: PORT_D, pin: 8, function: 7 }, FunctionPin { port: PORT_D, pin: 9, function: 7 }];
 
+/// Data minus and data plus.
+const USB_PINS: [FunctionPin; 2] =
+    [FunctionPin { port: PORT_A, pin: 11, function: 10 }, FunctionPin { port: PORT_A, pin: 12, function: 10 }];
+
 const ENABLE_PIN: u8 = 12;
 const EMERGENCY_STOP_PIN: u8 = 13;
 
@@ -92,25 +121,48 @@ pub struct Outputs {
 #[derive(Debug)]
 pub struct Nucleo {
     part: Part,
+    memory_map: Bare,
 }
 
 impl Nucleo {
     /// A board that has just been switched on.
     pub fn new() -> Result<Self, Error> {
-        let mut part = Part::new()?;
-        let stm32 = &mut part.stm32;
-        stm32.rcc.attach_crystals(HIGH_SPEED_CLOCK.0, Crystal::NONE.0);
-        stm32.set_supply(SUPPLY_MV);
-        stm32.adc[0].set_reference(CONVERTER_REFERENCE_MV);
-        stm32.usart[SERIAL_PORT].attach(Wire::default());
-        Ok(Self { part })
+        let part = Part::new(|stm32| {
+            stm32.rcc.attach_crystals(HIGH_SPEED_CLOCK.0, Crystal::NONE.0);
+            stm32.set_supply(SUPPLY_MV);
+            for converter in &mut stm32.adc[..2] {
+                converter.set_reference(CONVERTER_REFERENCE_MV);
+            }
+            stm32.usart[SERIAL_PORT].attach(Wire::new(LINE_SEED));
+        })?;
+        Ok(Self { part, memory_map: flash::memory_map()? })
     }
 
-    /// Both measured currents, as the codes they are to be converted to.
+    /// Cuts the supply, or gives it back.
+    pub fn set_power(&mut self, at: VirtualNanos, on: bool) {
+        self.part.set_power(at, on);
+    }
+
+    /// A register of the flash controller.
+    pub fn flash_register(&self, register: Register) -> u64 {
+        self.part.bus().registers(FLASH.name).map_or(0, |registers| registers.get(register))
+    }
+
+    /// Sets a register of the flash controller, as the memory behind it does.
+    pub fn set_flash_register(&mut self, register: Register, value: u64) {
+        let bus = self.part.bus_mut();
+        if let Some(slot) = bus.slot_of(FLASH.name) {
+            bus.slot_mut(slot).registers_mut().set(register, value);
+        }
+    }
+
+    /// Both measured currents, as the codes they are to be converted to. They reach the converters through the pins as
+    /// these are set at this instant.
     pub fn set_current_codes(&mut self, codes: [u16; 2]) {
-        for (channel, code) in CURRENT_CHANNELS.into_iter().zip(codes) {
+        for (joint, (channel, input)) in CURRENT_INPUTS.into_iter().enumerate() {
             let channel = adc::Channel::new(channel).expect("an input of the converter");
-            self.part.stm32.adc[0].set_input(channel, code.into());
+            let code = if self.is_analogue(input) { codes[joint] } else { CUT_OFF_CODE };
+            self.part.stm32.adc[joint].set_input(channel, code.into());
         }
     }
 
@@ -138,19 +190,55 @@ impl Nucleo {
         }
     }
 
+    /// The microcontroller, but for what is ours in it.
+    pub fn chip_mut(&mut self) -> &mut Stm32f427 {
+        &mut self.part.stm32
+    }
+
     /// The host's end of the serial line; nothing as long as its pins are not the USART's.
     pub fn wire(&mut self) -> Option<&mut Wire> {
         let connected = SERIAL_PINS.into_iter().all(|pin| self.carries(pin));
         if connected { self.part.stm32.usart[SERIAL_PORT].chip_mut() } else { None }
     }
 
+    /// Core, cable and host of USB, to look at.
+    pub fn usb(&self) -> &Usb {
+        &self.part.usb
+    }
+
+    /// Something happens to them from outside.
+    pub fn drive_usb<T>(&mut self, at: VirtualNanos, act: impl FnOnce(&mut Usb, &mut DeviceContext<'_>) -> T) -> T {
+        self.part.drive_usb(at, act)
+    }
+
+    /// The cable leads to the core only while both pins are the core's.
+    pub fn look_at_usb_pins(&mut self, at: VirtualNanos) {
+        let wired = USB_PINS.into_iter().all(|pin| self.carries(pin));
+        if self.part.usb.would_change(wired) {
+            self.part.drive_usb(at, |usb, context| usb.wire(wired, context));
+        }
+    }
+
+    /// How many words in a million the board's serial port receives with noise on them, and as many with a framing
+    /// error; both have bits flipped.
+    pub fn set_serial_errors(&mut self, per_million: u32) {
+        let errors = self.part.stm32.usart[SERIAL_PORT].errors_mut();
+        errors.seed = LINE_SEED;
+        errors.noise = Rate { name: "noise", per_million };
+        errors.framing = Rate { name: "framing", per_million };
+    }
+
     /// What is put out at this instant.
     pub fn outputs(&mut self) -> Outputs {
+        let codes = self.part.dac.outputs();
+        let command_code = [0, 1].map(|joint| codes[joint].filter(|_| self.is_analogue(COMMAND_OUTPUTS[joint])));
         let (port, registers) = self.part.stm32.port(PORT_F);
-        Outputs {
-            command_code: self.part.dac.outputs(),
-            amplifiers_enabled: port.level(pin(ENABLE_PIN), registers) == Level::High,
-        }
+        Outputs { command_code, amplifiers_enabled: port.level(pin(ENABLE_PIN), registers) == Level::High }
+    }
+
+    fn is_analogue(&mut self, wanted: AnaloguePin) -> bool {
+        let (_, registers) = self.part.stm32.port(wanted.port);
+        registers.get(gpioa::Register::Moder) >> (2 * wanted.pin) & 3 == MODE_ANALOGUE
     }
 
     fn carries(&mut self, wanted: FunctionPin) -> bool {
@@ -191,6 +279,7 @@ impl Board for Nucleo {
             boot: "flash",
         }
         .spec_with_parts(&windows(self.part.bus()), armv7m::Fpu::FpV4Sp, armv7m::MpuRegions::Eight);
-        vec![Target::new("stm32f429", &mut self.part, core)]
+        // The emulator takes its memory from here and everything else from `mcu`.
+        vec![Target::new("stm32f429", &mut self.memory_map, core)]
     }
 }

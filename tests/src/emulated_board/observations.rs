@@ -3,7 +3,10 @@
 use rigless::device::ResetCause;
 use rigless::session::Session;
 
+use super::flash::{FlashOperation, PARAMETERS};
 use super::nucleo::{CORE_CLOCK_HZ, INSTRUCTIONS_PER_SECOND, Nucleo, Outputs};
+use super::usb::Enumerated;
+use crate::line::Losses;
 
 /// Core cycles in one step of TIM1, as the firmware sets its prescaler.
 const CYCLES_PER_TIMER_STEP: u64 = 2;
@@ -49,6 +52,34 @@ pub struct Restart {
     pub cause: ResetCause,
 }
 
+/// What happened on USB.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct UsbTraffic {
+    /// What the host found out when it recognised the board last.
+    pub found: Enumerated,
+    /// How often it recognised the board.
+    pub enumerations: u32,
+    /// How often a control transfer failed.
+    pub failures: u32,
+    /// Packets of bytes that the board took.
+    pub packets_to_board: u64,
+    /// Packets of bytes that the board sent.
+    pub packets_from_board: u64,
+    /// How many of these were empty: they end a transfer whose other packets are full.
+    pub empty_packets: u64,
+}
+
+/// Something done to the flash memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FlashUse {
+    /// When it began, in ns.
+    pub at_ns: u64,
+    /// What.
+    pub operation: FlashOperation,
+    /// Whether the amplifiers were on: they never may be.
+    pub amplifiers_enabled: bool,
+}
+
 /// Everything that was watched.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observations {
@@ -56,14 +87,22 @@ pub struct Observations {
     pub ticks: Vec<Tick>,
     /// Every change of the outputs.
     pub outputs: Vec<OutputChange>,
+    /// Every word programmed and every sector erased.
+    pub flash_uses: Vec<FlashUse>,
+    /// What was done to the flash memory that must not be.
+    pub flash_faults: Vec<String>,
     /// Encoder edges put out for each joint.
     pub edges: [u64; 2],
     /// Joint angles in rad at the end.
     pub position_rad: [f64; 2],
+    /// What became of the bytes on the line to the board, and from it.
+    pub line_losses: [Losses; 2],
     /// Every restart after the first start.
     pub restarts: Vec<Restart>,
     /// Registers that the firmware touched and no model answers for, and addresses where there is nothing.
     pub unmodelled: Vec<String>,
+    /// What happened on USB.
+    pub usb: UsbTraffic,
     /// Instructions executed.
     pub instructions: u64,
     /// When the run ended, in ns.
@@ -76,10 +115,20 @@ impl Observations {
         self.restarts =
             session.resets().iter().map(|reset| Restart { at_ns: reset.at.0, cause: reset.cause }).collect();
         let registers = session.unimplemented().values().map(|gap| format!("{} {}", gap.instance, gap.register));
-        let nowhere = session.unmapped().into_iter().map(|gap| format!("{:#010x}", gap.address));
-        let refused = session.refused().iter().map(|(address, fault)| format!("{address:#010x} {fault:?}"));
-        self.unmodelled = registers.chain(nowhere).chain(refused).collect();
+        // Stores into these two sectors are answered by the bench's own model, of which the emulator does not know.
+        let answered = |address: u64| PARAMETERS.contains(&address);
+        let unmapped = session.unmapped().into_iter().filter(|gap| !answered(gap.address));
+        let nowhere = unmapped.map(|gap| format!("{:#010x}", gap.address));
+        let refusals = session.refused().iter().filter(|(address, _)| !answered(**address));
+        let refused = refusals.map(|(address, fault)| format!("{address:#010x} {fault:?}"));
+        let gaps = session.board().usb().gaps().map(String::from);
+        self.unmodelled = registers.chain(nowhere).chain(refused).chain(gaps).collect();
         self.unmodelled.sort();
         self.unmodelled.dedup();
+        let host = session.board().usb().host();
+        let ((enumerations, failures), (packets_to_board, packets_from_board)) = (host.enumerations(), host.packets());
+        let found = host.found().clone();
+        let empty_packets = host.empty_packets();
+        self.usb = UsbTraffic { found, enumerations, failures, packets_to_board, packets_from_board, empty_packets };
     }
 }

@@ -235,6 +235,7 @@ impl FieldValue {
 
 impl JointConstants {
     /// Every field, in order, with its range.
+    #[inline]
     pub(super) fn fields(&self) -> [FieldValue; 16] {
         let scale = &self.current_scale;
         [
@@ -286,6 +287,7 @@ impl JointConstants {
 
 impl LoopConstants {
     /// Every field, in order, with its range.
+    #[inline]
     pub(super) fn fields(&self) -> [FieldValue; 11] {
         let torque = &self.computed_torque;
         let loop_period = f64::from(self.loop_period_ns);
@@ -308,6 +310,7 @@ impl LoopConstants {
 impl Configuration {
     /// Accepts constants only if every one is a finite number in its range, the periods are offered ones and both
     /// position gains are below their stability limits. Names the first that is not. Constant time.
+    #[inline]
     pub fn check(&self) -> Result<(), ConfigurationError> {
         for (joint, constants) in Joint::ALL.into_iter().zip(&self.joints) {
             constants.fields().iter().try_for_each(|field| field.check(Some(joint)))?;

@@ -1,0 +1,85 @@
+//! Movements as they should be, and their end by the emergency stop.
+
+use std::time::Duration;
+
+use armid::client::MovementProgress;
+use shared::protocol::{ControlLaw, Fault, Mode, Request};
+
+use super::{
+    BoardUnderTest, check_whole, largest_errors_counts, loaded, nod, paper_movement, plan, ready, run_undisturbed,
+    true_model, within_one_count_percent,
+};
+
+/// From a request on, everything is off within a loop period, a run of the control interrupt, and some slack.
+const OFF_WITHIN_NS: u64 = 750_000;
+
+/// The stream brings every row, as it stands in the board's memory.
+pub fn a_movement_is_recorded_whole<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
+    let board = switch_on();
+    let mut client = loaded(&board);
+    let movement = run_undisturbed(&mut client);
+    check_whole(&movement);
+    assert_eq!(client.status().expect("a status").mode, Mode::Idle);
+    assert_eq!((client.repeats(), client.frames().bad()), (0, 0));
+    let counters = client.hello().expect("an answer").links[B::LINK as usize];
+    assert_eq!((counters.bad_frames, counters.telemetry_dropped, counters.replies_dropped), (0, 0, 0));
+    board.finish();
+}
+
+/// The same run twice gives the same recording and the same outputs at the same instants.
+pub fn two_runs_are_the_same_to_the_bit<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
+    let once = || {
+        let board = switch_on();
+        let mut client = loaded(&board);
+        let movement = run_undisturbed(&mut client);
+        (movement, board.finish())
+    };
+    let (first, second) = (once(), once());
+    check_whole(&first.0);
+    assert!(first.0 == second.0, "the recordings differ");
+    assert!(first.1 == second.1, "what was seen at the pins differs");
+}
+
+/// With the hidden robot's own parameters, computed torque follows the paper's movement to the count.
+pub fn computed_torque_with_the_true_model_stays_within_one_count<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
+    let board = switch_on();
+    let mut client = ready(&board);
+    let model = true_model();
+    assert_eq!(client.upload(&model).expect("an accepted model").active, model);
+    client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");
+    let movement = client.run(&plan(ControlLaw::ComputedTorque), &mut |_| {}).expect("a movement");
+    check_whole(&movement);
+    let within_percent = within_one_count_percent(&movement);
+    println!("{within_percent:.3} % within one count, largest {:?}", largest_errors_counts(&movement));
+    assert!(within_percent >= 99.0);
+    board.finish();
+}
+
+/// Pressed in the middle of a movement, it takes everything off in the next tick, and leaves it off when released.
+pub fn the_emergency_stop_switches_off_in_the_next_tick<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
+    let board = switch_on();
+    let mut client = loaded(&board);
+    let mut pressed_ns = None;
+    let movement = client
+        .run(&plan(ControlLaw::Position), &mut |progress| {
+            if matches!(progress, MovementProgress::Running { rows: 300.., .. }) && pressed_ns.is_none() {
+                board.set_emergency_stop(true);
+                pressed_ns = Some(board.now().as_nanos() as u64);
+            }
+        })
+        .expect("a movement");
+    assert!(movement.partial.as_deref().is_some_and(|reason| reason.contains("emergency")), "{:?}", movement.partial);
+    assert!((300..movement.planned_rows).contains(&(movement.samples.len() as u32)));
+    assert_eq!(client.status().expect("a status").mode, Mode::Fault(Fault::EmergencyStop));
+    assert!(client.load_trajectory(&nod()).is_ok() && client.command(Request::Arm).is_err());
+
+    board.set_emergency_stop(false);
+    board.run(Duration::from_millis(50));
+    assert_eq!(client.status().expect("a status").mode, Mode::Fault(Fault::EmergencyStop));
+
+    let observations = board.finish();
+    let after_ns = observations.off_after_ns(pressed_ns.expect("pressed")).expect("switched off");
+    println!("off {:.0} µs after the contact opened", after_ns as f64 * 1e-3);
+    assert!(after_ns <= OFF_WITHIN_NS);
+    assert!(observations.ends_safe());
+}
