@@ -21,7 +21,7 @@ use embassy_stm32::{
 };
 use shared::{
     board::{Board, Inputs},
-    protocol::{Event, Link, Mode, PackedSample},
+    protocol::{Event, Link, Mode, PackedSample, Request},
 };
 
 use crate::{
@@ -164,12 +164,14 @@ impl Running {
             return;
         }
         let Control { board, links, stopwatch, .. } = &mut self.control;
-        let counters = [links[0].counters(), links[1].counters()];
+        let states = [links[0].state(), links[1].state()];
         for index in [self.next_link, 1 - self.next_link] {
             let answered = links[index].answer_next(|ExaminedRequest { message, findings }, reply| {
-                board.report_timing(stopwatch.timing());
-                for (link, counters) in Link::ALL.into_iter().zip(counters) {
-                    board.report_link(link, counters);
+                if matches!(message.request, Request::Hello { .. }) {
+                    board.report_timing(stopwatch.timing());
+                    for (link, state) in Link::ALL.into_iter().zip(states) {
+                        board.report_link(link, state.counters());
+                    }
                 }
                 board.answer(Link::ALL[index], message.sequence, &message.request, findings, reply);
             });
