@@ -111,6 +111,7 @@ pub static SERIAL: LinkState = LinkState::new(true);
 
 impl Link {
     /// A link with nothing under way.
+    #[inline(never)]
     pub const fn new() -> Self {
         Self {
             request_places: [const {
@@ -248,26 +249,33 @@ impl ReceiveEnd {
     /// Takes in received bytes, and waits while the interrupt has not taken earlier requests: it takes one a period.
     pub async fn accept(&mut self, bytes: &[u8]) {
         for &byte in bytes {
-            match self.decoder.host_message(byte) {
-                None => {}
-                Some(Ok(message)) => {
-                    count(&self.state.received);
-                    while !self.free_requests.ready() {
-                        Timer::after_micros(100).await;
-                    }
-                    if let Some(place) = self.free_requests.dequeue() {
-                        place.findings = Findings::of(&message.request);
-                        place.message = message;
-                        // As much room as there are places.
-                        let _ = self.requests.enqueue(place);
-                    }
+            // Before the byte that may end a request, so that a request never has to be kept while waiting.
+            while !self.free_requests.ready() {
+                Timer::after_micros(100).await;
+            }
+            self.accept_byte(byte);
+        }
+    }
+
+    /// Takes in a byte, while there is a free place for a request.
+    #[inline(never)]
+    fn accept_byte(&mut self, byte: u8) {
+        match self.decoder.host_message(byte) {
+            None => {}
+            Some(Ok(message)) => {
+                count(&self.state.received);
+                if let Some(place) = self.free_requests.dequeue() {
+                    place.findings = Findings::of(&message.request);
+                    place.message = message;
+                    // As much room as there are places.
+                    let _ = self.requests.enqueue(place);
                 }
-                Some(Err(error)) => {
-                    count(&self.state.bad_frames);
-                    if let FrameError::Version { theirs, .. } = error {
-                        self.state.other_version.store(theirs, Ordering::Relaxed);
-                        self.state.outgoing.signal(());
-                    }
+            }
+            Some(Err(error)) => {
+                count(&self.state.bad_frames);
+                if let FrameError::Version { theirs, .. } = error {
+                    self.state.other_version.store(theirs, Ordering::Relaxed);
+                    self.state.outgoing.signal(());
                 }
             }
         }

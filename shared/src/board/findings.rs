@@ -36,6 +36,7 @@ impl Findings {
     pub const NONE: Self = Self(Found::Nothing);
 
     /// Examines a request.
+    #[inline]
     pub fn of(request: &Request) -> Self {
         Self(match request {
             Request::StageModel { model, .. } => Found::Model(ModelFindings::of(model)),

@@ -82,19 +82,15 @@ impl Trajectories {
         match part {
             TrajectoryPart::Paper(paper) => {
                 self.clear();
-                let findings = findings.movement().copied().unwrap_or_else(|| MovementFindings::of_paper(paper));
-                self.rows = findings.rows_to_record(constants, capacity)?;
+                let examined = findings.movement().copied().unwrap_or_else(|| MovementFindings::of_paper(paper));
                 self.trajectory = Some(Trajectory::Paper(*paper));
-                self.begin_check();
-                Ok(())
+                self.begin_check(examined.rows_to_record(constants, capacity))
             }
             TrajectoryPart::Fourier(fourier) => {
                 self.clear();
-                let findings = findings.movement().copied().unwrap_or_else(|| MovementFindings::of_fourier(fourier));
-                self.rows = findings.rows_to_record(constants, capacity)?;
+                let examined = findings.movement().copied().unwrap_or_else(|| MovementFindings::of_fourier(fourier));
                 self.trajectory = Some(Trajectory::Fourier(fourier.clone()));
-                self.begin_check();
-                Ok(())
+                self.begin_check(examined.rows_to_record(constants, capacity))
             }
             &TrajectoryPart::BeginPoints { interval_ns, points } => {
                 self.clear();
@@ -131,19 +127,36 @@ impl Trajectories {
         if self.points_rad.len() < usize::from(points) {
             return Ok(());
         }
-        let spline = Points::new(interval_ns, &self.points_rad);
-        self.clear();
-        let spline = spline.map_err(Refusal::Limit)?;
-        self.rows = MovementFindings::of_points(&spline).rows_to_record(constants, capacity)?;
-        self.trajectory = Some(Trajectory::Points(spline));
-        self.begin_check();
-        Ok(())
+        match Points::new(interval_ns, &self.points_rad) {
+            Ok(spline) => {
+                self.clear();
+                let rows = MovementFindings::of_points(&spline).rows_to_record(constants, capacity);
+                self.trajectory = Some(Trajectory::Points(spline));
+                self.begin_check(rows)
+            }
+            Err(error) => {
+                self.clear();
+                Err(Refusal::Limit(error))
+            }
+        }
     }
 
-    /// Begins to check the trajectory.
-    fn begin_check(&mut self) {
-        self.check.restart();
-        self.stage = Stage::Checking;
+    /// Begins to check the trajectory, or forgets it. It is put in place before: four kilobytes of spline are not to be
+    /// copied to and fro.
+    #[inline(never)]
+    fn begin_check(&mut self, rows: Result<u32, Refusal>) -> Result<(), Refusal> {
+        match rows {
+            Ok(rows) => {
+                self.rows = rows;
+                self.check.restart();
+                self.stage = Stage::Checking;
+                Ok(())
+            }
+            Err(refusal) => {
+                self.clear();
+                Err(refusal)
+            }
+        }
     }
 
     /// Goes on with a check, for a small part of a loop period: one sample while `powered`, when every tick has a law

@@ -44,6 +44,7 @@ impl MovementFindings {
         }
     }
 
+    #[inline]
     pub(super) fn of_fourier(fourier: &Fourier) -> Self {
         let harmonic_ns = fourier.period_ns / (fourier.harmonics.len().max(1) as u64);
         let fade_ns = if fourier.fade_ns == 0 { u64::MAX } else { fourier.fade_ns };
@@ -66,6 +67,7 @@ impl MovementFindings {
 
     /// How many rows the recording of the movement has. Refuses one that is malformed, does not fit the recording, or
     /// changes too much from one record tick to the next to be judged by its record ticks.
+    #[inline(never)]
     pub(super) fn rows_to_record(&self, constants: &Constants, capacity: u32) -> Result<u32, Refusal> {
         let record_ns = constants.record_period_ns;
         let rows = self.duration_ns.checked_div(record_ns).unwrap_or(0);

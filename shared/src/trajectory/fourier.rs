@@ -94,6 +94,7 @@ impl Fourier {
         [step, slope * forward, curvature * per_second * per_second]
     }
 
+    #[inline]
     pub(crate) fn well_formed(&self) -> Result<(), LimitError> {
         if self.period_ns == 0 {
             return Err(LimitError::Zero { part: Part::Period });
