@@ -16,8 +16,8 @@ use shared::trajectory::{Fourier, Harmonic, MAX_HARMONICS, Paper, Points, Trajec
 
 const SEED: u64 = 5;
 
-/// Longest run that takes in a whole trajectory, in µs: only while nothing moves, and within the shortest loop period.
-const LOAD_LIMIT_US: f64 = 40.0;
+/// Longest run that takes in a whole trajectory, in µs: like any other request.
+const LOAD_LIMIT_US: f64 = POSITION_LIMIT_US;
 
 /// Rows of the short movement: 0.9 s, one every 0.7 ms.
 const NOD_ROWS: u32 = 1285;
