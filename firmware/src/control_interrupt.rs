@@ -153,8 +153,8 @@ impl Running {
         }
 
         self.mode_changed = outputs.event.is_some();
-        if let Some(event) = outputs.event {
-            if let Event::Mode { mode: Mode::Fault(fault), .. } = &event {
+        if let Some(event) = &outputs.event {
+            if let Event::Mode { mode: Mode::Fault(fault), .. } = event {
                 last_fault::keep(fault);
             }
             for link in &mut control.links {

@@ -198,11 +198,11 @@ impl ControlEnd {
     }
 
     /// Tells the host something it has not asked for.
-    pub fn event(&mut self, event: Event) {
+    pub fn event(&mut self, event: &Event) {
         if !self.is_connected() {
             return;
         }
-        if self.events.enqueue(event).is_err() {
+        if self.events.enqueue(*event).is_err() {
             count(&self.state.replies_dropped);
         }
         self.wake_sender();
