@@ -13,7 +13,6 @@ use crate::protocol::{Model, ModelError, Request, TrajectoryPart};
 pub struct Findings(Found);
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "kept in one place, and nothing here allocates")]
 enum Found {
     Nothing,
     Model(ModelFindings),
