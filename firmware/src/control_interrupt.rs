@@ -21,7 +21,7 @@ use embassy_stm32::{
 };
 use shared::{
     board::{Board, Inputs},
-    protocol::{Event, Link, Mode, PackedSample},
+    protocol::{Event, Link, Mode, PackedSample, Request},
 };
 
 use crate::{
@@ -69,6 +69,8 @@ struct Running {
     deadline_missed: bool,
     /// Whether the amplifiers were on when the run began.
     was_powered: bool,
+    /// Whether this run had a change of mode to tell.
+    mode_changed: bool,
 }
 
 static RUNNING: InterruptOwned<Running> = InterruptOwned::new();
@@ -85,7 +87,14 @@ pub fn start(timer: Peri<'static, TIM1>, control: Control) {
     let period_ns = control.board.loop_period_ns();
     // SAFETY: the only call, since there is only one TIM1 to call it with, and the interrupt is enabled below.
     unsafe {
-        RUNNING.hand_over(Running { control, next_link: 0, period_ns, deadline_missed: false, was_powered: false })
+        RUNNING.hand_over(Running {
+            control,
+            next_link: 0,
+            period_ns,
+            deadline_missed: false,
+            was_powered: false,
+            mode_changed: false,
+        })
     };
     let timer = Timer::new(timer);
     // Sets the prescaler; the period follows.
@@ -143,8 +152,9 @@ impl Running {
             control.stopwatch.restart();
         }
 
-        if let Some(event) = outputs.event {
-            if let Event::Mode { mode: Mode::Fault(fault), .. } = &event {
+        self.mode_changed = outputs.event.is_some();
+        if let Some(event) = &outputs.event {
+            if let Event::Mode { mode: Mode::Fault(fault), .. } = event {
                 last_fault::keep(fault);
             }
             for link in &mut control.links {
@@ -158,18 +168,21 @@ impl Running {
 
     /// At most one request a period, after the outputs: what a host asks for never delays the arm. Two hosts are
     /// answered in turns. None where the last run was too long: requests that take several periods, possible while the
-    /// amplifiers are off, then leave the tasks a period in between, the one that feeds the watchdog among them.
+    /// amplifiers are off, then leave the tasks a period in between, the one that feeds the watchdog among them. None
+    /// either in a run that changed the mode, the last of a movement for one, which takes longer by itself.
     fn answer(&mut self) {
-        if self.deadline_missed {
+        if self.deadline_missed || self.mode_changed {
             return;
         }
         let Control { board, links, stopwatch, .. } = &mut self.control;
-        let counters = [links[0].counters(), links[1].counters()];
+        let states = [links[0].state(), links[1].state()];
         for index in [self.next_link, 1 - self.next_link] {
             let answered = links[index].answer_next(|ExaminedRequest { message, findings }, reply| {
-                board.report_timing(stopwatch.timing());
-                for (link, counters) in Link::ALL.into_iter().zip(counters) {
-                    board.report_link(link, counters);
+                if matches!(message.request, Request::Hello { .. }) {
+                    board.report_timing(stopwatch.timing());
+                    for (link, state) in Link::ALL.into_iter().zip(states) {
+                        board.report_link(link, state.counters());
+                    }
                 }
                 board.answer(Link::ALL[index], message.sequence, &message.request, findings, reply);
             });

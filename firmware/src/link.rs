@@ -21,13 +21,17 @@ use shared::{
     board::{Findings, Telemetry},
     protocol::{
         BoardMessage, Decoder, Event, FrameError, HostMessage, LinkCounters, MAX_FRAME, PROTOCOL_VERSION, Reply,
-        encode_board_message,
+        Request, encode_board_message,
     },
 };
 
 /// One link, in static memory. A queue of N holds N - 1.
 pub struct Link {
-    requests: Queue<ExaminedRequest, 4>,
+    /// Places for requests. They wait in `free_requests` to be written by the receiving task, and in `requests` to be
+    /// answered.
+    request_places: [ExaminedRequest; REQUESTS],
+    free_requests: Queue<&'static mut ExaminedRequest, { REQUESTS + 1 }>,
+    requests: Queue<&'static mut ExaminedRequest, { REQUESTS + 1 }>,
     /// Places for replies. They wait in `free_replies` to be written by the interrupt, and in `replies` to be sent.
     reply_places: [SequencedReply; REPLIES],
     free_replies: Queue<&'static mut SequencedReply, { REPLIES + 1 }>,
@@ -36,6 +40,9 @@ pub struct Link {
     /// 44 ms of rows at 0.7 ms: as long as a host may look away without losing one on the way.
     telemetry: Queue<Telemetry, 64>,
 }
+
+/// Requests that may wait to be answered.
+const REQUESTS: usize = 3;
 
 /// Replies that may wait to be sent.
 const REPLIES: usize = 3;
@@ -47,7 +54,8 @@ struct SequencedReply {
     reply: Reply,
 }
 
-/// A request with what the receiving task found out about it, so that the interrupt need not.
+/// A request with what the receiving task found out about it, so that the interrupt need not. Like a reply it stays in
+/// its place.
 pub struct ExaminedRequest {
     /// The request.
     pub message: HostMessage,
@@ -83,6 +91,16 @@ impl LinkState {
             other_version: AtomicU8::new(PROTOCOL_VERSION),
         }
     }
+
+    /// Traffic since the start.
+    pub fn counters(&self) -> LinkCounters {
+        LinkCounters {
+            received: self.received.load(Ordering::Relaxed),
+            bad_frames: self.bad_frames.load(Ordering::Relaxed),
+            telemetry_dropped: self.telemetry_dropped.load(Ordering::Relaxed),
+            replies_dropped: self.replies_dropped.load(Ordering::Relaxed),
+        }
+    }
 }
 
 /// State of the USB link. Static, because the relay interrupt below wakes its task.
@@ -93,8 +111,16 @@ pub static SERIAL: LinkState = LinkState::new(true);
 
 impl Link {
     /// A link with nothing under way.
+    #[inline(never)]
     pub const fn new() -> Self {
         Self {
+            request_places: [const {
+                ExaminedRequest {
+                    message: HostMessage { sequence: 0, request: Request::Status },
+                    findings: Findings::NONE,
+                }
+            }; REQUESTS],
+            free_requests: Queue::new(),
             requests: Queue::new(),
             reply_places: [const { SequencedReply { sequence: 0, reply: Reply::Done } }; REPLIES],
             free_replies: Queue::new(),
@@ -106,6 +132,11 @@ impl Link {
 
     /// The ends for the control interrupt, for the receiving and for the sending task.
     pub fn split(&'static mut self, state: &'static LinkState) -> (ControlEnd, ReceiveEnd, SendEnd) {
+        let (mut free_request_producer, free_requests) = self.free_requests.split();
+        for place in &mut self.request_places {
+            // Room for all of them.
+            let _ = free_request_producer.enqueue(place);
+        }
         let (request_producer, requests) = self.requests.split();
         let (mut free_producer, free_replies) = self.free_replies.split();
         for place in &mut self.reply_places {
@@ -116,8 +147,16 @@ impl Link {
         let (events, event_consumer) = self.events.split();
         let (telemetry, telemetry_consumer) = self.telemetry.split();
         (
-            ControlEnd { requests, free_replies, replies, events, telemetry, state },
-            ReceiveEnd { decoder: Decoder::new(), requests: request_producer, state },
+            ControlEnd {
+                requests,
+                free_requests: free_request_producer,
+                free_replies,
+                replies,
+                events,
+                telemetry,
+                state,
+            },
+            ReceiveEnd { decoder: Decoder::new(), free_requests, requests: request_producer, state },
             SendEnd {
                 replies: reply_consumer,
                 free_replies: free_producer,
@@ -131,7 +170,8 @@ impl Link {
 
 /// The control interrupt's end.
 pub struct ControlEnd {
-    requests: Consumer<'static, ExaminedRequest>,
+    requests: Consumer<'static, &'static mut ExaminedRequest>,
+    free_requests: Producer<'static, &'static mut ExaminedRequest>,
     free_replies: Consumer<'static, &'static mut SequencedReply>,
     replies: Producer<'static, &'static mut SequencedReply>,
     events: Producer<'static, Event>,
@@ -143,23 +183,26 @@ impl ControlEnd {
     /// Has the next request answered, if there is one and a place for its reply: `answer` is given the request and the
     /// place. Neither is ever moved. Returns whether there was one.
     pub fn answer_next(&mut self, answer: impl FnOnce(&ExaminedRequest, &mut Reply)) -> bool {
-        let Some(request) = self.requests.peek() else { return false };
+        if !self.requests.ready() {
+            return false;
+        }
         let Some(place) = self.free_replies.dequeue() else { return false };
+        let Some(request) = self.requests.dequeue() else { return false };
         place.sequence = request.message.sequence;
         answer(request, &mut place.reply);
-        self.requests.dequeue();
-        // As much room as there are places.
+        // As much room as there are places, here and below.
+        let _ = self.free_requests.enqueue(request);
         let _ = self.replies.enqueue(place);
         self.wake_sender();
         true
     }
 
     /// Tells the host something it has not asked for.
-    pub fn event(&mut self, event: Event) {
+    pub fn event(&mut self, event: &Event) {
         if !self.is_connected() {
             return;
         }
-        if self.events.enqueue(event).is_err() {
+        if self.events.enqueue(*event).is_err() {
             count(&self.state.replies_dropped);
         }
         self.wake_sender();
@@ -183,21 +226,17 @@ impl ControlEnd {
         RELAY.pend();
     }
 
-    /// Traffic since the start.
-    pub fn counters(&self) -> LinkCounters {
-        LinkCounters {
-            received: self.state.received.load(Ordering::Relaxed),
-            bad_frames: self.state.bad_frames.load(Ordering::Relaxed),
-            telemetry_dropped: self.state.telemetry_dropped.load(Ordering::Relaxed),
-            replies_dropped: self.state.replies_dropped.load(Ordering::Relaxed),
-        }
+    /// What is counted on the link.
+    pub fn state(&self) -> &'static LinkState {
+        self.state
     }
 }
 
 /// The receiving task's end.
 pub struct ReceiveEnd {
     decoder: Decoder,
-    requests: Producer<'static, ExaminedRequest>,
+    free_requests: Consumer<'static, &'static mut ExaminedRequest>,
+    requests: Producer<'static, &'static mut ExaminedRequest>,
     state: &'static LinkState,
 }
 
@@ -210,22 +249,33 @@ impl ReceiveEnd {
     /// Takes in received bytes, and waits while the interrupt has not taken earlier requests: it takes one a period.
     pub async fn accept(&mut self, bytes: &[u8]) {
         for &byte in bytes {
-            match self.decoder.host_message(byte) {
-                None => {}
-                Some(Ok(message)) => {
-                    count(&self.state.received);
-                    let mut request = ExaminedRequest { findings: Findings::of(&message.request), message };
-                    while let Err(refused) = self.requests.enqueue(request) {
-                        request = refused;
-                        Timer::after_micros(100).await;
-                    }
+            // Before the byte that may end a request, so that a request never has to be kept while waiting.
+            while !self.free_requests.ready() {
+                Timer::after_micros(100).await;
+            }
+            self.accept_byte(byte);
+        }
+    }
+
+    /// Takes in a byte, while there is a free place for a request.
+    #[inline(never)]
+    fn accept_byte(&mut self, byte: u8) {
+        match self.decoder.host_message(byte) {
+            None => {}
+            Some(Ok(message)) => {
+                count(&self.state.received);
+                if let Some(place) = self.free_requests.dequeue() {
+                    place.findings = Findings::of(&message.request);
+                    place.message = message;
+                    // As much room as there are places.
+                    let _ = self.requests.enqueue(place);
                 }
-                Some(Err(error)) => {
-                    count(&self.state.bad_frames);
-                    if let FrameError::Version { theirs, .. } = error {
-                        self.state.other_version.store(theirs, Ordering::Relaxed);
-                        self.state.outgoing.signal(());
-                    }
+            }
+            Some(Err(error)) => {
+                count(&self.state.bad_frames);
+                if let FrameError::Version { theirs, .. } = error {
+                    self.state.other_version.store(theirs, Ordering::Relaxed);
+                    self.state.outgoing.signal(());
                 }
             }
         }

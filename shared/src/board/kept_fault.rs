@@ -28,6 +28,7 @@ impl KeptFault {
     pub const NONE: Self = Self { magic: 0, starts: 0, fault: [0; FAULT_BYTES], crc: 0 };
 
     /// A fault that has just happened. Never panics, so a panic can be kept too.
+    #[inline]
     pub fn new(fault: &Fault) -> Self {
         Self::after(fault, 0)
     }
@@ -49,6 +50,7 @@ impl KeptFault {
     }
 
     /// The fault and how many starts ago it happened; `None` where the memory holds none.
+    #[inline]
     fn open(&self) -> Option<(Fault, u32)> {
         if self.magic != MAGIC || self.crc != self.computed_crc() {
             return None;
@@ -62,6 +64,7 @@ impl KeptFault {
     ///
     /// A panic or a hardware fault ends in a reset by the watchdog and explains it. A watchdog that resets the board
     /// without such a fault since the start before is a fault itself.
+    #[inline]
     pub fn at_start(&mut self, cause: ResetCause) -> Option<Fault> {
         let kept = self.open();
         let explained = kept.is_some_and(|(fault, starts)| fault.halts() && starts == 0);

@@ -230,6 +230,9 @@ impl Motion {
     }
 
     /// One tick with the amplifiers on. A fault leaves the state as it was; the caller ends it with [`Self::fail`].
+    ///
+    /// Not inlined, so that it is compiled here, for speed, and not for size with the firmware.
+    #[inline(never)]
     pub(super) fn step(&mut self, tick: &Tick<'_>) -> Result<Step, Fault> {
         let constants = tick.constants;
         self.check_inputs(tick)?;

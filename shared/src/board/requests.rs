@@ -1,7 +1,7 @@
 //! What the board does with each request.
 
 use super::motion::Start;
-use super::session::Outcome;
+use super::session::{Order, Outcome};
 use super::{Board, Findings, LONGEST_SETTLE_NS};
 use crate::protocol::{
     ControlLaw, EndedBy, Info, Joint, Link, Mode, ModelSlot, PROTOCOL_VERSION, PackedSample, Refusal, Reply, Request,
@@ -37,21 +37,28 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                 return;
             }
             // Done afresh every time: it changes nothing but the link's own number.
-            self.session(link).answered(sequence, Outcome::Done);
+            self.session(link).answered(sequence, Ok(Outcome::Done));
             return self.report(request, reply);
         }
-        let outcome = match self.session(link).outcome_without_doing(sequence) {
-            Some(outcome) => outcome,
-            None => {
-                let outcome = self.carry_out(link, request, findings).unwrap_or_else(Outcome::Refused);
-                self.session(link).answered(sequence, outcome);
-                outcome
+        match self.session(link).order(sequence) {
+            Order::New => {
+                let result = self.carry_out(link, request, findings);
+                self.session(link).answered(sequence, result);
             }
-        };
-        match outcome {
-            Outcome::Done => self.report(request, reply),
-            Outcome::Started { movement, approach_ns, rows } => *reply = Reply::Started { movement, approach_ns, rows },
-            Outcome::Refused(refusal) => *reply = Reply::Refused(refusal),
+            Order::Last => {}
+            Order::Refused(refusal) => {
+                *reply = Reply::Refused(refusal);
+                return;
+            }
+        }
+        let [usb, serial] = &self.sessions;
+        let session = if link == Link::Usb { usb } else { serial };
+        match session.result() {
+            Ok(Outcome::Done) => self.report(request, reply),
+            &Ok(Outcome::Started { movement, approach_ns, rows }) => {
+                *reply = Reply::Started { movement, approach_ns, rows };
+            }
+            Err(refusal) => *reply = Reply::Refused(*refusal),
         }
     }
 
@@ -129,7 +136,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     self.motion.switch_off();
                 }
             }
-            Request::LoadTrajectory(part) => self.load_trajectory(part)?,
+            Request::LoadTrajectory(part) => self.load_trajectory(part, findings)?,
             &Request::Run { law, stream, settle_ns } => return self.run(link, law, stream, settle_ns),
             Request::Stop => {
                 if let Some(applied) = &self.parameters.applied {
@@ -234,7 +241,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         Ok(())
     }
 
-    fn load_trajectory(&mut self, part: &TrajectoryPart) -> Result<(), Refusal> {
+    fn load_trajectory(&mut self, part: &TrajectoryPart, findings: &Findings) -> Result<(), Refusal> {
         let of_points = matches!(part, TrajectoryPart::BeginPoints { .. } | TrajectoryPart::Points { .. });
         let mode = self.mode();
         // Solving for a spline takes several loop periods, so it is not done while a loop is closed.
@@ -243,7 +250,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         }
         let capacity = self.recording.capacity();
         let constants = &self.parameters.applied.as_ref().ok_or(Refusal::NotConfigured)?.constants;
-        self.trajectories.load(part, constants, capacity)
+        self.trajectories.load(part, findings, constants, capacity)
     }
 
     fn run(&mut self, link: Link, law: ControlLaw, stream: bool, settle_ns: u64) -> Result<Outcome, Refusal> {

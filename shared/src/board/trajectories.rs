@@ -1,9 +1,10 @@
 //! Loading a trajectory in parts, and having it checked before it may run.
 
+use super::Findings;
 use super::constants::Constants;
-use super::trajectory_check::{Step, TrajectoryCheck, admissible};
+use super::trajectory_check::{MovementFindings, Step, TrajectoryCheck};
 use crate::protocol::{Refusal, Reply, TrajectoryPart, TrajectoryPhase, TrajectoryState};
-use crate::trajectory::{LimitError, MAX_POINTS, Margins, Points, Trajectory};
+use crate::trajectory::{LimitError, MAX_POINTS, Margin, Margins, Points, Quantity, Trajectory};
 use heapless::Vec;
 
 /// Time for one sample of the check, in ns: a Fourier series of eight harmonics takes the board about 15 µs. So many
@@ -15,10 +16,13 @@ const SAMPLE_NS: u32 = 70_000;
 enum Stage {
     Empty,
     Loading { interval_ns: u64, points: u16 },
-    Checking(TrajectoryCheck),
-    Accepted(Margins),
+    Checking,
+    Accepted,
     Refused(LimitError),
 }
+
+/// No margin, before any is known.
+const NO_MARGIN: Margin = Margin { quantity: Quantity::Speed, joint: 0, peak: f32::NAN, limit: f32::NAN, time_ns: 0 };
 
 /// A trajectory that may be run.
 #[derive(Clone, Copy, Debug)]
@@ -33,19 +37,30 @@ pub(super) struct Accepted<'a> {
 }
 
 /// The trajectory and the points on their way to becoming one.
+///
+/// The check and its margins have places of their own instead of being part of the stage, because a stage is moved
+/// when it is entered, which would take as long as a law of control.
 #[derive(Clone, Debug)]
 pub(super) struct Trajectories {
     stage: Stage,
     trajectory: Option<Trajectory>,
     rows: u32,
-    /// Joint angles at both ends of the trajectory, in rad; known once it is being checked.
-    ends_rad: [[f32; 2]; 2],
+    check: TrajectoryCheck,
+    /// Whole once the trajectory is accepted.
+    margins: Margins,
     points_rad: Vec<[f32; 2], MAX_POINTS>,
 }
 
 impl Trajectories {
     pub(super) const fn new() -> Self {
-        Self { stage: Stage::Empty, trajectory: None, rows: 0, ends_rad: [[0.0; 2]; 2], points_rad: Vec::new() }
+        Self {
+            stage: Stage::Empty,
+            trajectory: None,
+            rows: 0,
+            check: TrajectoryCheck::new(),
+            margins: Margins { rows: [NO_MARGIN; 14] },
+            points_rad: Vec::new(),
+        }
     }
 
     /// Forgets everything.
@@ -57,17 +72,25 @@ impl Trajectories {
 
     /// Takes a part. What was loaded before is given up with the first part of a new trajectory. `capacity` is how
     /// many rows a recording holds.
-    pub(super) fn load(&mut self, part: &TrajectoryPart, constants: &Constants, capacity: u32) -> Result<(), Refusal> {
+    pub(super) fn load(
+        &mut self,
+        part: &TrajectoryPart,
+        findings: &Findings,
+        constants: &Constants,
+        capacity: u32,
+    ) -> Result<(), Refusal> {
         match part {
             TrajectoryPart::Paper(paper) => {
                 self.clear();
+                let examined = findings.movement().copied().unwrap_or_else(|| MovementFindings::of_paper(paper));
                 self.trajectory = Some(Trajectory::Paper(*paper));
-                self.begin_check(constants, capacity)
+                self.begin_check(examined.rows_to_record(constants, capacity))
             }
             TrajectoryPart::Fourier(fourier) => {
                 self.clear();
+                let examined = findings.movement().copied().unwrap_or_else(|| MovementFindings::of_fourier(fourier));
                 self.trajectory = Some(Trajectory::Fourier(fourier.clone()));
-                self.begin_check(constants, capacity)
+                self.begin_check(examined.rows_to_record(constants, capacity))
             }
             &TrajectoryPart::BeginPoints { interval_ns, points } => {
                 self.clear();
@@ -107,8 +130,9 @@ impl Trajectories {
         match Points::new(interval_ns, &self.points_rad) {
             Ok(spline) => {
                 self.clear();
+                let rows = MovementFindings::of_points(&spline).rows_to_record(constants, capacity);
                 self.trajectory = Some(Trajectory::Points(spline));
-                self.begin_check(constants, capacity)
+                self.begin_check(rows)
             }
             Err(error) => {
                 self.clear();
@@ -117,14 +141,15 @@ impl Trajectories {
         }
     }
 
-    /// Begins to check the trajectory in place, or forgets it. It is put in place before: four kilobytes of spline are
-    /// not to be copied to and fro.
-    fn begin_check(&mut self, constants: &Constants, capacity: u32) -> Result<(), Refusal> {
-        let Some(trajectory) = &self.trajectory else { return Err(Refusal::NoTrajectory) };
-        match rows_to_record(trajectory, constants, capacity) {
+    /// Begins to check the trajectory, or forgets it. It is put in place before: four kilobytes of spline are not to be
+    /// copied to and fro.
+    #[inline(never)]
+    fn begin_check(&mut self, rows: Result<u32, Refusal>) -> Result<(), Refusal> {
+        match rows {
             Ok(rows) => {
                 self.rows = rows;
-                self.stage = Stage::Checking(TrajectoryCheck::new());
+                self.check.restart();
+                self.stage = Stage::Checking;
                 Ok(())
             }
             Err(refusal) => {
@@ -137,16 +162,15 @@ impl Trajectories {
     /// Goes on with a check, for a small part of a loop period: one sample while `powered`, when every tick has a law
     /// to compute as well.
     pub(super) fn advance_check(&mut self, constants: &Constants, powered: bool) {
-        let (Stage::Checking(check), Some(trajectory)) = (&mut self.stage, &self.trajectory) else {
+        let (Stage::Checking, Some(trajectory)) = (&self.stage, &self.trajectory) else {
             return;
         };
         let samples = if powered { 1 } else { (constants.loop_period_ns as u32 / SAMPLE_NS).max(1) };
         for _ in 0..samples {
-            match check.advance(trajectory, constants) {
+            match self.check.advance(trajectory, constants, &mut self.margins) {
                 Step::Goes => {}
-                Step::Passed { margins, ends_rad } => {
-                    self.ends_rad = ends_rad;
-                    self.stage = Stage::Accepted(margins);
+                Step::Passed => {
+                    self.stage = Stage::Accepted;
                     return;
                 }
                 Step::Failed(error) => {
@@ -161,8 +185,8 @@ impl Trajectories {
     /// The trajectory, if it may be run.
     pub(super) fn accepted(&self) -> Option<Accepted<'_>> {
         match (&self.stage, &self.trajectory) {
-            (Stage::Accepted(_), Some(trajectory)) => {
-                let [start_rad, end_rad] = self.ends_rad;
+            (Stage::Accepted, Some(trajectory)) => {
+                let [start_rad, end_rad] = self.check.ends_rad();
                 Some(Accepted { trajectory, start_rad, end_rad, rows: self.rows })
             }
             _ => None,
@@ -174,8 +198,8 @@ impl Trajectories {
         match &self.stage {
             Stage::Empty => TrajectoryPhase::Empty,
             Stage::Loading { .. } => TrajectoryPhase::Loading,
-            Stage::Checking(_) => TrajectoryPhase::Checking,
-            Stage::Accepted(_) => TrajectoryPhase::Accepted,
+            Stage::Checking => TrajectoryPhase::Checking,
+            Stage::Accepted => TrajectoryPhase::Accepted,
             Stage::Refused(_) => TrajectoryPhase::Refused,
         }
     }
@@ -187,23 +211,14 @@ impl Trajectories {
             Stage::Loading { points, .. } => {
                 Reply::Trajectory(TrajectoryState::Loading { received: self.points_rad.len() as u16, points: *points })
             }
-            Stage::Checking(check) => {
-                Reply::Trajectory(TrajectoryState::Checking { checked: check.checked(), rows: self.rows })
+            Stage::Checking => {
+                Reply::Trajectory(TrajectoryState::Checking { checked: self.check.checked(), rows: self.rows })
             }
-            Stage::Accepted(margins) => {
-                *reply = Reply::Trajectory(TrajectoryState::Accepted { margins: *margins, rows: self.rows });
+            Stage::Accepted => {
+                *reply = Reply::Trajectory(TrajectoryState::Accepted { margins: self.margins, rows: self.rows });
                 return;
             }
             Stage::Refused(error) => Reply::Trajectory(TrajectoryState::Refused(*error)),
         };
     }
-}
-
-/// How many rows the recording of a movement has; or why it cannot be checked or recorded.
-fn rows_to_record(trajectory: &Trajectory, constants: &Constants, capacity: u32) -> Result<u32, Refusal> {
-    let rows = trajectory.record_periods(constants.record_period_ns);
-    let fits = u32::try_from(rows).ok().filter(|&rows| rows <= capacity);
-    let rows = fits.ok_or(Refusal::TooManyRows { rows, capacity })?;
-    admissible(trajectory, constants)?;
-    Ok(rows)
 }

@@ -42,10 +42,10 @@ impl Model {
             return Err(ModelError::OtherRobot { model: self.robot_identity, board: robot_identity });
         }
         for (number, ((&value, &low), &high)) in (1u8..).zip(self.f.iter().zip(&range.low).zip(&range.high)) {
-            if !value.is_finite() {
+            if !is_finite(value) {
                 return Err(ModelError::NotFinite { number, value });
             }
-            if !(low..=high).contains(&value) {
+            if is_below(value, low) || is_below(high, value) {
                 return Err(ModelError::OutOfRange { number, value, low, high });
             }
         }
@@ -53,7 +53,7 @@ impl Model {
             Joint::ALL.into_iter().zip(self.viscous_friction_nm_s_per_rad.iter().zip(&self.coulomb_friction_nm))
         {
             for value in [viscous, coulomb] {
-                if !(value >= 0.0 && value.is_finite()) {
+                if is_below(value, 0.0) || !is_finite(value) {
                     return Err(ModelError::Friction { joint, value });
                 }
             }
@@ -70,6 +70,17 @@ impl Model {
             ArmError::Indefinite { determinant, q3_rad } => ModelError::Indefinite { determinant, q3_rad },
         })
     }
+}
+
+/// Whether a number is finite, seen from its bits: a Cortex-M4 compares `f64` in software.
+fn is_finite(value: f64) -> bool {
+    value.abs().total_cmp(&f64::INFINITY).is_lt()
+}
+
+/// Whether a number is below another, likewise from their bits; neither may be NaN.
+fn is_below(value: f64, other: f64) -> bool {
+    let is_zero = |number: f64| number.to_bits() << 1 == 0;
+    value.total_cmp(&other).is_lt() && !(is_zero(value) && is_zero(other))
 }
 
 /// What a plausible model's f1..f9 lie between; part of the configuration, because it depends on the robot.

@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 /// A request that was not carried out, with the numbers that decided and what to do.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
+// So that what a variant holds begins at a whole word, and the board copies it by words, not by bytes.
+#[repr(u32)]
 pub enum Refusal {
     /// The board has started since the last hello over this link, or there was none.
     #[error("no hello over this link since the board started; connect again")]

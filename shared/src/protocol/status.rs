@@ -29,6 +29,8 @@ pub enum ControlLaw {
 
 /// What the board is doing. Amplifiers are on in every mode but [`Mode::Idle`] and [`Mode::Fault`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+// Copied by words, like a refusal.
+#[repr(u32)]
 pub enum Mode {
     /// Amplifiers off, commands at mid-scale, the brakes hold the arm.
     Idle,

@@ -40,7 +40,7 @@ pub struct Fourier {
 }
 
 impl Fourier {
-    pub(super) fn duration_ns(&self) -> u64 {
+    pub(crate) fn duration_ns(&self) -> u64 {
         self.period_ns.saturating_mul(u64::from(self.repeats))
     }
 
@@ -94,7 +94,8 @@ impl Fourier {
         [step, slope * forward, curvature * per_second * per_second]
     }
 
-    pub(super) fn well_formed(&self) -> Result<(), LimitError> {
+    #[inline]
+    pub(crate) fn well_formed(&self) -> Result<(), LimitError> {
         if self.period_ns == 0 {
             return Err(LimitError::Zero { part: Part::Period });
         }

@@ -72,7 +72,7 @@ impl Points {
         &self.points_rad
     }
 
-    pub(super) fn duration_ns(&self) -> u64 {
+    pub(crate) fn duration_ns(&self) -> u64 {
         self.interval_ns.saturating_mul(self.points_rad.len().saturating_sub(1) as u64)
     }
 
@@ -118,7 +118,7 @@ impl Points {
         [start, slope, from_slope + from_slope - to_slope, to_slope - from_slope]
     }
 
-    pub(super) fn well_formed(&self) -> Result<(), LimitError> {
+    pub(crate) fn well_formed(&self) -> Result<(), LimitError> {
         if self.interval_ns == 0 {
             return Err(LimitError::Zero { part: Part::Interval });
         }

@@ -339,6 +339,7 @@ impl Configuration {
         Ok(())
     }
 
+    #[inline]
     fn check_motion(&self) -> Result<(), ConfigurationError> {
         let motion = &self.motion_limits;
         let counts_per_rad = [0, 1].map(|index: usize| self.joints[index].counts_per_rad());
