@@ -24,7 +24,6 @@ use std::time::Instant;
 
 use shared::arm::ArmError;
 
-pub use batch::Precision;
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
 pub use parameters::{FrictionMode, Parameter, Values, free_parameters};

@@ -5,7 +5,6 @@ use rand_pcg::Pcg64Mcg;
 use shared::genetic::{Genetic, Range, Settings};
 
 use super::IdentifyError;
-use super::batch::Precision;
 use super::experiment::Experiment;
 use super::parameters::{Parameter, Values};
 
@@ -76,10 +75,9 @@ fn search_sized<const GENES: usize>(
         *range = Range { low, high };
     }
     let used = place.free.len();
-    let mut judge = Judge { experiment, best_counts2: f64::INFINITY };
     let mut objective = |candidates: &[[f64; GENES]], objectives: &mut [f64]| {
         let values: Vec<Values> = candidates.iter().map(|genes| place.known.with(place.free, &genes[..used])).collect();
-        objectives.copy_from_slice(&judge.objectives_counts2(&values));
+        objectives.copy_from_slice(&objectives_counts2(experiment, &values));
     };
     let random = Pcg64Mcg::seed_from_u64(seed);
     let mut genetic = Genetic::<GENES, INDIVIDUALS, SUBPOPULATIONS, _>::new(place.settings, ranges, random)?;
@@ -104,46 +102,17 @@ fn search_sized<const GENES: usize>(
     })
 }
 
-/// Judges candidates in single precision, and again in double precision those that may be the best so far.
-struct Judge<'a> {
-    experiment: &'a Experiment<'a>,
-    best_counts2: f64,
-}
-
-/// How far an objective in single precision may be off, relative: ten times what `bench identify` finds.
-const SINGLE_PRECISION_MARGIN: f64 = 1e-3;
-
-impl Judge<'_> {
-    fn objectives_counts2(&mut self, candidates: &[Values]) -> Vec<f64> {
-        let robot = self.experiment.robot;
-        // A candidate that no arm could have is worse than any that one could.
-        let mut objectives = vec![f64::INFINITY; candidates.len()];
-        let possible: Vec<usize> =
-            (0..candidates.len()).filter(|&index| acceptable(self.experiment, &candidates[index])).collect();
-        self.judge(&mut objectives, &possible, candidates, robot, Precision::Single);
-        let least = objectives.iter().copied().fold(self.best_counts2, f64::min);
-        let near: Vec<usize> = possible
-            .into_iter()
-            .filter(|&index| objectives[index] <= least * (1.0 + SINGLE_PRECISION_MARGIN))
-            .collect();
-        self.judge(&mut objectives, &near, candidates, robot, Precision::Double);
-        self.best_counts2 = near.iter().map(|&index| objectives[index]).fold(self.best_counts2, f64::min);
-        objectives
+/// The objective of each candidate, in order.
+fn objectives_counts2(experiment: &Experiment, candidates: &[Values]) -> Vec<f64> {
+    let possible: Vec<usize> =
+        (0..candidates.len()).filter(|&index| acceptable(experiment, &candidates[index])).collect();
+    let plants: Vec<_> = possible.iter().map(|&index| candidates[index].plant(experiment.robot)).collect();
+    // A candidate that no arm could have is worse than any that one could.
+    let mut objectives = vec![f64::INFINITY; candidates.len()];
+    for (index, value) in possible.into_iter().zip(experiment.objectives_counts2(&plants)) {
+        objectives[index] = value;
     }
-
-    fn judge(
-        &self,
-        objectives: &mut [f64],
-        which: &[usize],
-        candidates: &[Values],
-        robot: &crate::robot::Robot,
-        precision: Precision,
-    ) {
-        let plants: Vec<_> = which.iter().map(|&index| candidates[index].plant(robot)).collect();
-        for (&index, value) in which.iter().zip(self.experiment.objectives_counts2(&plants, precision)) {
-            objectives[index] = value;
-        }
-    }
+    objectives
 }
 
 /// Whether an arm could have these values: a positive definite inertia matrix and no negative friction.
