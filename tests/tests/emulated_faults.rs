@@ -144,13 +144,15 @@ fn lead_astray(board: &EmulatedBoard, how: Astray) {
 }
 
 /// The board restarted for the watchdog, and for nothing else; it is idle again and says why.
-fn check_restarted(struck: Struck, name: &str, off_within_ns: u64) -> Observations {
+fn check_restarted(struck: Struck, name: &str, fault: &str, off_within_ns: u64) -> Observations {
     let Struck { board, client, movement, at_ns } = struck;
     assert!(movement.partial.is_some(), "a movement that was cut short");
     drop(client);
     board.run(Duration::from_millis(100));
     let mut client = Client::connect_from(BoardUnderTest::link(&board), 1000).expect("a board that answers again");
     assert_eq!(client.info().identity.reset_cause, ReportedCause::Watchdog);
+    let kept = client.info().last_fault;
+    assert_eq!(kept.map(|kept| kept.name()), Some(fault), "{kept:?}");
     let status = client.status().expect("a status");
     assert_eq!((status.mode, status.pose_known), (Mode::Idle, false));
 
@@ -173,7 +175,7 @@ fn check_restarted(struck: Struck, name: &str, off_within_ns: u64) -> Observatio
 fn a_control_interrupt_that_hangs_restarts_the_board() {
     let Some(switch_on) = switched_on() else { return };
     let struck = strike_nod(switch_on, |board| lead_astray(board, Astray::ControlInterruptHangs));
-    let observations = check_restarted(struck, "control interrupt hung", LOOK_NS + WATCHDOG_NS);
+    let observations = check_restarted(struck, "control interrupt hung", "watchdog", LOOK_NS + WATCHDOG_NS);
     // It did hang: for longer than a look at the clock takes, there was no tick.
     let ticks = observations.ticks.windows(2).map(|pair| pair[1].start_ns - pair[0].start_ns);
     assert!(ticks.max().is_some_and(|longest_ns| longest_ns > 30_000_000));
@@ -183,28 +185,28 @@ fn a_control_interrupt_that_hangs_restarts_the_board() {
 fn a_control_interrupt_that_no_longer_comes_restarts_the_board() {
     let Some(switch_on) = switched_on() else { return };
     let struck = strike_nod(switch_on, |board| write_register(board, TIM1_CONTROL, 0));
-    check_restarted(struck, "control timer stopped", WATCHDOG_NS);
+    check_restarted(struck, "control timer stopped", "watchdog", WATCHDOG_NS);
 }
 
 #[test]
 fn tasks_that_hang_restart_the_board() {
     let Some(switch_on) = switched_on() else { return };
     let struck = strike_nod(switch_on, |board| lead_astray(board, Astray::Hang));
-    check_restarted(struck, "tasks hung", LOOK_NS + WATCHDOG_NS);
+    check_restarted(struck, "tasks hung", "watchdog", LOOK_NS + WATCHDOG_NS);
 }
 
 #[test]
 fn a_panic_in_a_task_switches_off_and_restarts_the_board() {
     let Some(switch_on) = switched_on() else { return };
     let struck = strike_nod(switch_on, |board| lead_astray(board, Astray::Panic));
-    check_restarted(struck, "panic in a task", LOOK_NS + NEXT_TICK_NS);
+    check_restarted(struck, "panic in a task", "panic", LOOK_NS + NEXT_TICK_NS);
 }
 
 #[test]
 fn a_panic_in_the_control_interrupt_switches_off_and_restarts_the_board() {
     let Some(switch_on) = switched_on() else { return };
     let struck = strike_nod(switch_on, |board| write_register(board, ADC1_CONTROL, 0));
-    check_restarted(struck, "panic in the control interrupt (current converter off)", NEXT_TICK_NS);
+    check_restarted(struck, "panic in the control interrupt (current converter off)", "panic", NEXT_TICK_NS);
 }
 
 #[test]
@@ -213,7 +215,7 @@ fn a_bus_error_switches_off_and_restarts_the_board() {
     let struck = strike_nod(switch_on, |board| {
         board.intervene(|session, _, _| session.fail_next(TIM2_COUNTER, TIM2_COUNTER + 4));
     });
-    check_restarted(struck, "bus error", NEXT_TICK_NS);
+    check_restarted(struck, "bus error", "bus-error", NEXT_TICK_NS);
 }
 
 /// Received bytes no longer reach the program: for the board the host has gone.

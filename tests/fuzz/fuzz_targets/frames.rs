@@ -34,6 +34,7 @@ static READY: LazyLock<Board<Vec<PackedSample>>> = LazyLock::new(|| {
     board.handle(Link::Usb, 2, &Request::LoadTrajectory(TrajectoryPart::Paper(Paper { period_ns: 2_500_000_000 })));
     for _ in 0..400 {
         board.tick(&QUIET);
+        board.advance_check();
     }
     let state = board.handle(Link::Usb, 3, &Request::ReadTrajectory);
     assert!(matches!(state, Reply::Trajectory(TrajectoryState::Accepted { .. })), "{state:?}");
@@ -74,6 +75,7 @@ fn receive(board: &mut Board<Vec<PackedSample>>, decoder: &mut Decoder, byte: u8
             .expect("every reply fits a frame");
     }
     let outputs = board.tick(&QUIET);
+    board.advance_check();
     assert_eq!(outputs.amplifier_enable, board.mode().is_powered());
     assert!(outputs.command_code.iter().all(|&code| code < 4096), "{outputs:?}");
     if !outputs.amplifier_enable {
