@@ -14,7 +14,7 @@ const FOLLOWING_ERROR_LIMIT_COUNTS: f64 = 1000.0;
 const SPEED_MARGIN: f64 = 1.5;
 /// Measured current that is a fault, as a share of the sensor's full scale: beyond it the sensor says nothing.
 const OVER_CURRENT_SHARE: f64 = 0.95;
-/// Silence of the host that ends a movement: ten keep-alives.
+/// Silence of the host that switches the amplifiers off: ten keep-alives.
 const LINK_TIMEOUT_NS: u64 = 1_000_000_000;
 /// How long a command may stay at the amplifier's limit: the peak rating of a 12A8 is for two seconds.
 const CURRENT_LIMIT_TIME_NS: u64 = 500_000_000;

@@ -11,7 +11,7 @@ use armid::client::{Client, Movement, MovementProgress};
 use armid_tests::emulated_board::damage::{HANG, ImageMap, Variable, switch_vector_table};
 use armid_tests::emulated_board::observations::Observations;
 use armid_tests::emulated_board::{EmulatedBoard, firmware_from_environment};
-use armid_tests::scenarios::{BoardUnderTest, loaded, nod, paper_movement, plan, ready, switched_on};
+use armid_tests::scenarios::{BoardUnderTest, Setup, loaded, nod, paper_movement, plan, ready, switched_on};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 use rigless::device::ResetCause;
@@ -75,8 +75,8 @@ fn strike(board: EmulatedBoard, mut client: Client, deed: impl FnOnce(&EmulatedB
 }
 
 /// The same with the short movement.
-fn strike_nod(switch_on: impl Fn() -> EmulatedBoard, deed: impl FnOnce(&EmulatedBoard)) -> Struck {
-    let board = switch_on();
+fn strike_nod(switch_on: impl Fn(Setup) -> EmulatedBoard, deed: impl FnOnce(&EmulatedBoard)) -> Struck {
+    let board = switch_on(Setup::default());
     let client = loaded(&board);
     strike(board, client, deed)
 }
@@ -222,7 +222,7 @@ fn a_bus_error_switches_off_and_restarts_the_board() {
 #[test]
 fn a_stuck_receiver_ends_in_a_lost_link() {
     let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");
     let timeout_ns = armid::board_setup::configuration(&armid_tests::scenarios::robot())
@@ -244,7 +244,7 @@ fn a_stuck_receiver_ends_in_a_lost_link() {
 #[test]
 fn a_stuck_transmitter_ends_in_a_lost_link() {
     let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     client.load_trajectory(&paper_movement(5.0)).expect("an accepted movement");
     let struck = strike(board, client, |board| {
@@ -285,7 +285,7 @@ fn flip(board: &EmulatedBoard, address: u64, bit: u32) {
 fn a_flipped_bit_of_the_setpoint_is_a_fault_and_one_of_the_position_moves_the_arm_no_further_than_it_says() {
     let Some(switch_on) = switched_on() else { return };
     let state = board_state();
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     // A pose whose counts are found nowhere else.
     let pose = Request::SetPosition { position_rad: [-0.1234, 0.2345] };
