@@ -4,7 +4,8 @@
 use embassy_stm32::{
     Peri, bind_interrupts, dma,
     mode::Async,
-    pac, peripherals::{DMA1_CH1, DMA1_CH3, PD8, PD9, USART3},
+    pac,
+    peripherals::{DMA1_CH1, DMA1_CH3, PD8, PD9, USART3},
     usart::{self, Config, ConfigError, RingBufferedUartRx, Uart, UartTx},
 };
 use embassy_time::{Duration, with_timeout};

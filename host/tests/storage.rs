@@ -7,7 +7,7 @@ mod samples;
 use armid::link::{MemoryFlash, POWER_CUT, complete};
 use proptest::prelude::*;
 use rand_pcg::Pcg32;
-use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
+use rand_pcg::rand_core::SeedableRng as _;
 use shared::protocol::StoreFailure;
 use shared::storage::{
     FORMAT_VERSION, Flash as _, Found, Log, MAX_PAYLOAD_BYTES, Parameters, RECORD, SLOT_WORDS, Sector,

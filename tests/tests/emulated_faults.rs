@@ -11,7 +11,9 @@ use armid::client::{Client, Movement, MovementProgress};
 use armid_tests::emulated_board::damage::{HANG, ImageMap, Variable, switch_vector_table};
 use armid_tests::emulated_board::observations::Observations;
 use armid_tests::emulated_board::{EmulatedBoard, firmware_from_environment};
-use armid_tests::scenarios::{BoardUnderTest, Setup, check_complete, loaded, nod, paper_movement, plan, ready, switched_on};
+use armid_tests::scenarios::{
+    BoardUnderTest, Setup, check_complete, loaded, nod, paper_movement, plan, ready, switched_on,
+};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 use rigless::device::ResetCause;

@@ -1,8 +1,9 @@
 //! Objectives, statistics, and other things that several of these tests need.
 
+use proptest::prelude::*;
 use rand_core::SeedableRng as _;
 use rand_pcg::Pcg32;
-use shared::genetic::{Genetic, Range, Settings, Subpopulation};
+use shared::genetic::{Coding, Genetic, Range, Settings, Subpopulation};
 
 pub const INDIVIDUALS: usize = 20;
 pub const SUBPOPULATIONS: usize = 4;
@@ -57,4 +58,8 @@ pub fn bits(chromosome: &[u32], bits_per_gene: u32) -> Vec<u32> {
 
 pub fn chromosome<const GENES: usize>(bits_per_gene: u32, random: &mut Pcg32) -> [u32; GENES] {
     Subpopulation::<GENES, 1>::random(bits_per_gene, random).chromosomes()[0]
+}
+
+pub fn coding() -> impl Strategy<Value = Coding> {
+    prop_oneof![Just(Coding::Binary), Just(Coding::Gray)]
 }

@@ -1,10 +1,10 @@
 //! The whole algorithm.
 
 use proptest::prelude::*;
-use rand_core::Rng as _;
+use rand_core::Rng;
 use shared::genetic::{Coding, Error, Genetic, Range, Settings};
 
-use crate::common::{Paper, chromosome, each, paper, random, rastrigin, sphere};
+use crate::common::{Paper, coding, each, paper, random, rastrigin, sphere};
 
 #[test]
 fn the_default_is_what_the_paper_lists() {

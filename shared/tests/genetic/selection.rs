@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use shared::genetic::{Coding, Range, linear_ranking, shuffle, stochastic_universal_sampling};
 
-use crate::common::{assert_binomial, assert_uniform, bits, random};
+use crate::common::{assert_binomial, assert_uniform, coding, random};
 
 fn range() -> impl Strategy<Value = Range> {
     // For every other range of the second kind, low + (high - low) is not high.
@@ -11,10 +11,6 @@ fn range() -> impl Strategy<Value = Range> {
         (-1e3..1e3, 1e-3..1e3).prop_map(|(low, width)| Range { low, high: low + width }),
         (-1.0..-0.1, 1e-4..1e-2).prop_map(|(low, high)| Range { low, high }),
     ]
-}
-
-fn coding() -> impl Strategy<Value = Coding> {
-    prop_oneof![Just(Coding::Binary), Just(Coding::Gray)]
 }
 
 proptest! {

@@ -5,11 +5,11 @@ use std::collections::HashSet;
 use proptest::prelude::*;
 use rand_core::{Infallible, TryRng};
 use shared::genetic::{
-    Error, Settings, Subpopulation, migrate, mutate, single_point_crossover, stochastic_universal_sampling,
+    Settings, Subpopulation, migrate, mutate, single_point_crossover, stochastic_universal_sampling,
 };
 
 use crate::common::{
-    Paper, SUBPOPULATIONS, assert_binomial, assert_uniform, bits, chromosome, each, paper, random, sphere,
+    INDIVIDUALS, Paper, SUBPOPULATIONS, assert_binomial, assert_uniform, bits, chromosome, each, paper, random, sphere,
 };
 
 proptest! {

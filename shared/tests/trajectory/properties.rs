@@ -5,7 +5,7 @@ use shared::trajectory::*;
 
 use crate::common::{
     COUNTS_PER_RAD, COUNTS_PER_RAD_F32, PERIOD_NS, RECORD_PERIOD_NS, any_points, any_trajectory, apart_counts,
-    assert_derivatives, fourier, margins_of, points, scale,
+    assert_derivatives, generous, margins_of, points, scale,
 };
 
 proptest! {
