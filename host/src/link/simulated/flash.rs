@@ -158,7 +158,7 @@ impl<const SLOTS: usize> MemoryFlash<SLOTS> {
     fn program_now(&self, sector: Sector, index: usize, value: u32) -> Result<(), StoreFailure> {
         let content = &mut *self.content();
         let cut = content.begin().ok_or(POWER_CUT)?;
-        content.busy_ns += PROGRAM_NS;
+        content.busy_ns += if cut { 0 } else { PROGRAM_NS };
         content.history.programmed[sector.index()] += 1;
         let (some, others) = (content.bits(), content.bits());
         let Some(cells) = content.sectors[sector.index()].get_mut(index) else { return Ok(()) };
@@ -178,7 +178,7 @@ impl<const SLOTS: usize> MemoryFlash<SLOTS> {
     fn erase_now(&self, sector: Sector) -> Result<(), StoreFailure> {
         let content = &mut *self.content();
         let cut = content.begin().ok_or(POWER_CUT)?;
-        content.busy_ns += ERASE_NS;
+        content.busy_ns += if cut { 0 } else { ERASE_NS };
         content.history.erased[sector.index()] += 1;
         if !cut {
             content.sectors[sector.index()].fill(BLANK);
