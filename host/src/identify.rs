@@ -9,6 +9,7 @@
 
 mod batch;
 mod experiment;
+mod foreseen;
 mod least_squares;
 mod linear;
 mod low_pass;

@@ -70,14 +70,19 @@ pub struct Experiment<'a> {
 }
 
 impl<'a> Experiment<'a> {
-    /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
-    pub fn new(robot: &'a Robot, recordings: &[Recording]) -> Result<Self, IdentifyError> {
+    /// An experiment without a recording.
+    pub(super) fn empty(robot: &'a Robot) -> Self {
         let timing = SampledTiming {
             record_period_s: robot.record_period_s,
             loop_period_s: robot.loop_period_s,
             command_delay_s: robot.command_delay_s,
         };
-        let mut experiment = Self { robot, segments: Vec::new(), laws: laws(robot), timing };
+        Self { robot, segments: Vec::new(), laws: laws(robot), timing }
+    }
+
+    /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
+    pub fn new(robot: &'a Robot, recordings: &[Recording]) -> Result<Self, IdentifyError> {
+        let mut experiment = Self::empty(robot);
         let shortest = (SHORTEST_SEGMENT_S / robot.record_period_s) as usize;
         for recording in recordings {
             let before = experiment.segments.len();
@@ -167,7 +172,7 @@ impl<'a> Experiment<'a> {
     }
 
     /// The state at the first sample: a parabola through the first 15 ms; at rest if that travels under two counts.
-    fn start(&self, measured_counts: &[[f64; 2]]) -> State<f64> {
+    pub(super) fn start(&self, measured_counts: &[[f64; 2]]) -> State<f64> {
         let period_s = self.robot.record_period_s;
         let samples = ((0.015 / period_s) as usize).clamp(4, measured_counts.len());
         let mut state = State::at_rest([0.0; 2]);
