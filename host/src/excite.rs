@@ -307,7 +307,8 @@ impl Problem<'_> {
     }
 
     fn cost(&self, numbers: &[f64]) -> f64 {
-        let prediction = self.predict(&[&self.space.movement(numbers)]);
+        // One period stands for all of them.
+        let prediction = self.predict(&[&self.space.period(numbers)]);
         let expectation = self.expectation(&prediction);
         let value = match self.criterion {
             Criterion::D => expectation.volume_per_parameter,

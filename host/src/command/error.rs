@@ -76,7 +76,10 @@ impl CommandError {
             Self::File(error) if error.is_about_output() => FAILED,
             Self::File(_) | Self::Repeating(_) => BAD_FILE,
             // What the recordings lack no other command line would bring.
-            Self::Identify(IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. }) => BAD_FILE,
+            Self::Identify(
+                IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. } | IdentifyError::NothingSound { .. },
+            ) => BAD_FILE,
+            Self::Identify(IdentifyError::NoFilter | IdentifyError::Filter { .. }) => USAGE,
             Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) => UNSAFE,
             Self::Excite(ExciteError::Setting { .. }) => USAGE,
             Self::Excite(_) => UNSAFE,

@@ -52,9 +52,18 @@ impl MovementSpace {
     /// The movement that `numbers` describe: cosine and sine amplitudes of each joint, then its centre. Sines are
     /// freed from what would start the arm with a jerk, and the whole is made as small as the limits ask.
     pub fn movement(&self, numbers: &[f64]) -> Trajectory {
+        self.repeated(numbers, self.repeats)
+    }
+
+    /// One period of that movement.
+    pub fn period(&self, numbers: &[f64]) -> Trajectory {
+        self.repeated(numbers, 1)
+    }
+
+    fn repeated(&self, numbers: &[f64], repeats: u32) -> Trajectory {
         let mut fourier = Fourier {
             period_ns: self.period_ns,
-            repeats: self.repeats,
+            repeats,
             fade_ns: 0,
             centre_rad: [0.0; 2],
             harmonics: heapless::Vec::new(),

@@ -13,7 +13,7 @@ use crate::recording::Recording;
 use crate::robot::{self, Robot};
 
 /// Integration steps per record period of the innovations, the same for every candidate.
-pub(super) const INNOVATION_SUBSTEPS: u32 = 4;
+const INNOVATION_SUBSTEPS: u32 = 4;
 
 /// The longest integration step of a closed loop that is judged or fitted finely.
 const FINE_STEP_S: f64 = 5e-5;
@@ -67,6 +67,8 @@ pub struct Experiment<'a> {
     pub segments: Vec<Segment>,
     laws: [Law<f64>; 2],
     timing: SampledTiming,
+    /// Integration steps per record period of the innovations.
+    pub(super) innovation_substeps: u32,
 }
 
 impl<'a> Experiment<'a> {
@@ -77,7 +79,8 @@ impl<'a> Experiment<'a> {
             loop_period_s: robot.loop_period_s,
             command_delay_s: robot.command_delay_s,
         };
-        Self { robot, segments: Vec::new(), laws: laws(robot), timing }
+        let innovation_substeps = INNOVATION_SUBSTEPS;
+        Self { robot, segments: Vec::new(), laws: laws(robot), timing, innovation_substeps }
     }
 
     /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
@@ -262,7 +265,7 @@ impl<'a> Experiment<'a> {
     /// Innovations in counts, per segment and joint, at every sample.
     pub fn innovations(&self, values: &Values) -> Vec<[Vec<f64>; 2]> {
         let simulation = self.simulation(values);
-        let settings = self.settings(INNOVATION_SUBSTEPS);
+        let settings = self.settings(self.innovation_substeps);
         let of = |segment: &Segment| {
             columns(segment, |push| simulation.innovations(segment, &settings, |_, innovation| push(innovation)))
         };

@@ -17,6 +17,8 @@ impl<'a> Experiment<'a> {
     /// period, in joint radians. Commands are those of the robot's own loop, before the amplifier's limit.
     pub fn foreseen(robot: &'a Robot, values: &Values, references_rad: &[Vec<[f64; 2]>]) -> Self {
         let mut experiment = Self::empty(robot);
+        // Nothing measured is to be met: what the motion depends on shows at one step as well.
+        experiment.innovation_substeps = 1;
         experiment.segments =
             references_rad.iter().map(|reference| experiment.foreseen_segment(values, reference)).collect();
         experiment
