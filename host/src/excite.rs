@@ -14,9 +14,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 use shared::arm::REFERENCE_F;
+use shared::board::DEFAULT_SAMPLES;
 use shared::trajectory::{self, LimitError, MAX_HARMONICS, Margin, Margins, Trajectory};
 
 use crate::board_setup::{self, SetupError};
+use crate::identified_model;
 use crate::identify::{FrictionMode, Parameter, Values, free_parameters};
 use crate::model::Model;
 use crate::random::Random;
@@ -205,20 +207,12 @@ pub fn default_repeats(duration_s: f64) -> u32 {
 /// The values to design for: the model's, else the reference robot's with the robot file's friction; where the
 /// reference robot is outside the file's search ranges, their middle.
 pub fn nominal(robot: &Robot, model: Option<&Model>) -> Values {
-    let mut values = Values::of_robot(robot);
-    match model {
-        Some(model) => {
-            values.f = model.f;
-            for (joint, (viscous, coulomb)) in model.viscous_nm_s_per_rad.iter().zip(&model.coulomb_nm).enumerate() {
-                values.viscous_nm_s_per_rad[joint] = *viscous;
-                values.coulomb_nm[joint] = *coulomb;
-            }
-        }
-        None => {
-            let inside = robot.search.iter().zip(REFERENCE_F).all(|(&[low, high], f)| (low..=high).contains(&f));
-            values.f = if inside { REFERENCE_F } else { robot.search.map(|[low, high]| 0.5 * (low + high)) };
-        }
+    if let Some(model) = model {
+        return identified_model::values(robot, model);
     }
+    let mut values = Values::of_robot(robot);
+    let inside = robot.search.iter().zip(REFERENCE_F).all(|(&[low, high], f)| (low..=high).contains(&f));
+    values.f = if inside { REFERENCE_F } else { robot.search.map(|[low, high]| 0.5 * (low + high)) };
     values
 }
 
@@ -332,8 +326,8 @@ pub fn design(
     settings: &Settings,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Design, ExciteError> {
-    check(settings)?;
     let configuration = board_setup::configuration(robot)?;
+    check(settings, robot)?;
     let limits = configuration.motion_limits;
     let counts_per_rad = [0, 1].map(|joint| robot.joints[joint].counts_per_rad());
     let period_ns = (settings.duration_s * 1e9 / f64::from(settings.repeats)).round() as u64;
@@ -412,10 +406,13 @@ fn describe(margin: Margin) -> String {
     format!("{} limit of {} {}", margin.quantity.name(), margin.limit, margin.quantity.unit())
 }
 
-fn check(settings: &Settings) -> Result<(), ExciteError> {
+fn check(settings: &Settings, robot: &Robot) -> Result<(), ExciteError> {
     let refuse = |what, value: String, limit: String| Err(ExciteError::Setting { what, value, limit });
-    if !(1.0..=60.0).contains(&settings.duration_s) {
-        return refuse("--duration", format!("{} s", settings.duration_s), "from 1 to 60 s".into());
+    // A hair more, so that 7.35 s is not refused for the last bit of 0.0007 s.
+    let longest_s = DEFAULT_SAMPLES as f64 * robot.record_period_s * (1.0 + 1e-9);
+    if !(1.0..=longest_s).contains(&settings.duration_s) {
+        let limit = format!("from 1 to {longest_s:.2} s: the board's memory holds {DEFAULT_SAMPLES} samples");
+        return refuse("--duration", format!("{} s", settings.duration_s), limit);
     }
     if !(1..=MAX_HARMONICS).contains(&settings.harmonics) {
         return refuse("--harmonics", settings.harmonics.to_string(), format!("from 1 to {MAX_HARMONICS}"));
