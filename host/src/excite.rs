@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 use shared::arm::REFERENCE_F;
 use shared::board::DEFAULT_SAMPLES;
-use shared::trajectory::{self, LimitError, MAX_HARMONICS, Margin, Margins, Trajectory};
+use shared::trajectory::{self, LimitError, MAX_HARMONICS, Margins, MotionLimits, Trajectory};
 
 use crate::board_setup::{self, SetupError};
 use crate::identified_model;
@@ -353,21 +353,6 @@ pub fn design(
         .map_err(ExciteError::Limits)?;
     margins.verdict().map_err(ExciteError::Limits)?;
     let prediction = problem.predict(&[&trajectory]);
-    for (joint, counts_per_rad) in counts_per_rad.into_iter().enumerate() {
-        let references = references_rad(&trajectory, robot.record_period_s);
-        let angles = references.iter().map(|pair| pair[joint]);
-        let travel_counts =
-            (angles.clone().fold(f64::MIN, f64::max) - angles.fold(f64::MAX, f64::min)) * counts_per_rad.abs();
-        if !(travel_counts >= LEAST_TRAVEL_COUNTS) {
-            return Err(ExciteError::NoTravel {
-                joint: robot.joints[joint].name.clone(),
-                travel_counts,
-                needed_counts: LEAST_TRAVEL_COUNTS,
-                binding: tightest(&margins.rows, &limits, joint).map_or_else(String::new, describe),
-                duration_s: settings.duration_s,
-            });
-        }
-    }
     let loop_margins = problem.loop_margins(&prediction);
     if let Some(broken) = loop_margins.iter().find(|margin| !(margin.peak <= USED_SHARE * margin.limit)) {
         return Err(ExciteError::Infeasible {
@@ -384,6 +369,21 @@ pub fn design(
                 "the loop is too soft for this arm: raise position_gain_a_per_count as far as it is stable"
             },
         });
+    }
+    for (joint, counts_per_rad) in counts_per_rad.into_iter().enumerate() {
+        let references = references_rad(&trajectory, robot.record_period_s);
+        let angles = references.iter().map(|pair| pair[joint]);
+        let travel_counts =
+            (angles.clone().fold(f64::MIN, f64::max) - angles.fold(f64::MAX, f64::min)) * counts_per_rad.abs();
+        if !(travel_counts >= LEAST_TRAVEL_COUNTS) {
+            return Err(ExciteError::NoTravel {
+                joint: robot.joints[joint].name.clone(),
+                travel_counts,
+                needed_counts: LEAST_TRAVEL_COUNTS,
+                binding: binding(&margins, &limits, &loop_margins, joint),
+                duration_s: settings.duration_s,
+            });
+        }
     }
     let paper_periods_s = paper_periods_s(settings.duration_s);
     let paper: Vec<Trajectory> =
@@ -402,8 +402,18 @@ pub fn design(
     })
 }
 
-fn describe(margin: Margin) -> String {
-    format!("{} limit of {} {}", margin.quantity.name(), margin.limit, margin.quantity.unit())
+/// The limit of a joint with the least room, in words.
+fn binding(margins: &Margins, limits: &MotionLimits, loop_margins: &[LoopMargin], joint: usize) -> String {
+    let of_motion = tightest(&margins.rows, limits, joint).map(|(margin, left)| {
+        (left, format!("{} limit of {} {}", margin.quantity.name(), margin.limit, margin.quantity.unit()))
+    });
+    let per_joint = loop_margins.len() / 2;
+    let of_loop = loop_margins[joint * per_joint..][..per_joint].iter().map(|margin| {
+        let left = USED_SHARE - margin.peak / margin.limit;
+        (left, format!("{} limit of {} {}", margin.quantity, margin.limit, margin.unit))
+    });
+    let tightest = of_motion.into_iter().chain(of_loop).min_by(|a, b| a.0.total_cmp(&b.0));
+    tightest.map_or_else(String::new, |(_, name)| name)
 }
 
 fn check(settings: &Settings, robot: &Robot) -> Result<(), ExciteError> {

@@ -145,9 +145,9 @@ pub fn references_rad(movement: &Trajectory, record_period_s: f64) -> Vec<[f64; 
     (0..movement.record_periods(record_period_ns)).map(reference).collect()
 }
 
-/// The margin that holds a joint's movement back most, as a share of its limit: of the position the whole range
-/// counts.
-pub fn tightest(margins: &[Margin], limits: &MotionLimits, joint: usize) -> Option<Margin> {
+/// The margin that holds a joint's movement back most, and what it leaves as a share of its limit: of the position the
+/// whole range counts.
+pub fn tightest(margins: &[Margin], limits: &MotionLimits, joint: usize) -> Option<(Margin, f64)> {
     let left = |margin: &Margin| match margin.quantity {
         Quantity::PositionLow | Quantity::PositionHigh => {
             margin.left() / (limits.position_high_rad[joint] - limits.position_low_rad[joint])
@@ -157,5 +157,5 @@ pub fn tightest(margins: &[Margin], limits: &MotionLimits, joint: usize) -> Opti
     let of_joint = margins.iter().filter(|margin| {
         usize::from(margin.joint) == joint && !matches!(margin.quantity, Quantity::StartSpeed | Quantity::EndSpeed)
     });
-    of_joint.min_by(|a, b| left(a).total_cmp(&left(b))).copied()
+    of_joint.map(|margin| (*margin, f64::from(left(margin)))).min_by(|a, b| a.1.total_cmp(&b.1))
 }
