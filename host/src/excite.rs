@@ -192,7 +192,7 @@ impl Settings {
             repeats: default_repeats(duration_s),
             harmonics: 5,
             criterion: Criterion::default(),
-            generations: 120,
+            generations: 80,
             seed: 1,
         }
     }

@@ -91,7 +91,9 @@ pub enum IdentifyError {
     #[error("the genetic algorithm alone compares unfiltered signals; use --filter with another --method")]
     NoFilter,
     /// A cut-off frequency that no filter can have.
-    #[error("--filter is {cutoff_hz} Hz, but must be from {low_hz} to {high_hz:.0} Hz: the motion is below, half the sampling rate above")]
+    #[error(
+        "--filter is {cutoff_hz} Hz, but must be from {low_hz} to {high_hz:.0} Hz: the motion is below, half the sampling rate above"
+    )]
     Filter {
         /// The cut-off frequency.
         cutoff_hz: f64,
@@ -101,8 +103,10 @@ pub enum IdentifyError {
         high_hz: f64,
     },
     /// Of a recording hardly anything can be used.
-    #[error("{path}: after what had to be left out no stretch of {needed} samples is left ({reasons}); record again, or use every \
-         sample with --as-recorded")]
+    #[error(
+        "{path}: after what had to be left out no stretch of {needed} samples is left ({reasons}); record again, or use every \
+         sample with --as-recorded"
+    )]
     NothingSound {
         /// The recording.
         path: PathBuf,

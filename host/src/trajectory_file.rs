@@ -225,6 +225,34 @@ mod tests {
     }
 
     #[test]
+    fn what_is_written_reads_back_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("move.toml");
+        let harmonic = Harmonic { cosine_rad: [0.1, -1.0 / 3.0], sine_rad: [1e-7, 0.0] };
+        let fourier = Fourier {
+            period_ns: 3_649_999_999,
+            repeats: 2,
+            fade_ns: 500_000_001,
+            centre_rad: [-0.785_398_2, 0.7],
+            harmonics: [harmonic, harmonic].into_iter().collect(),
+        };
+        let points = Points::new(250_000_000, &[[0.0, 0.1], [-0.2, 1.0 / 3.0], [0.0, 0.1]]).unwrap();
+        for trajectory in [Trajectory::Fourier(fourier), Trajectory::Points(points)] {
+            write(&path, &trajectory, "two\nlines").unwrap();
+            assert_eq!(read(&path).unwrap(), trajectory);
+        }
+        // The paper's movement becomes a series that is the same everywhere.
+        let of_paper = paper(3.65).unwrap();
+        write(&path, &of_paper, "").unwrap();
+        let series = read(&path).unwrap();
+        assert_eq!(series.duration_ns(), of_paper.duration_ns());
+        for time_ns in (0..3_650_000_000).step_by(100_000_000) {
+            let [a, b] = [&series, &of_paper].map(|movement| movement.reference::<f64>(time_ns).position_rad);
+            assert!((a[0] - b[0]).abs() < 1e-7 && (a[1] - b[1]).abs() < 1e-7, "{time_ns}: {a:?} {b:?}");
+        }
+    }
+
+    #[test]
     fn what_is_wrong_is_named() {
         for (text, parts) in [
             ("", "[fourier] or [points] is missing"),

@@ -98,7 +98,10 @@ fn a_designed_movement_is_played_exactly_and_repeats_for_a_seed() {
         for (tick, &played) in recording.reference_counts[joint].iter().enumerate() {
             let exact = trajectory.reference::<f64>(tick as u64 * 700_000).position_rad[joint] * counts_per_rad;
             // The board computes in f32, 0.002 count off: it may fall on the other side of a whole number.
-            assert!(played == exact.trunc() || (exact - exact.round()).abs() < 0.01, "tick {tick}: {played} for {exact}");
+            assert!(
+                played == exact.trunc() || (exact - exact.round()).abs() < 0.01,
+                "tick {tick}: {played} for {exact}"
+            );
             other += u32::from(played != exact.trunc());
         }
         assert!(other <= 20, "joint {joint}: {other} of {} on the other side", recording.samples());
@@ -120,11 +123,12 @@ fn limits_that_leave_no_movement_are_named() {
         &["joint 3", "counts of travel", "position limit of 0.5"],
     );
     bench.robot("weak.toml", |robot| robot.joints[0].current_limit_a = 0.6);
-    bench.refused(
-        5,
-        "excite --robot weak.toml --generations 33 --duration 2",
-        &["joint 2", "current", "limit of 0.6"],
-    );
+    bench.refused(5, "excite --robot weak.toml --generations 33 --duration 2", &["joint 2", "current", "limit of 0.6"]);
+    // A robot file may limit the counts per tick itself.
+    bench.robot("counting.toml", |robot| robot.counts_per_tick_limit = Some(9.0));
+    let design = bench.json("excite --robot counting.toml --generations 33 --duration 2");
+    let peak = |joint: usize| number(&design["margins"][7 * joint + 4]["peak"]);
+    assert!(peak(0).max(peak(1)) <= 9.0 && peak(0).max(peak(1)) > 7.0, "{} {}", peak(0), peak(1));
     bench.refused(2, "excite --duration 20", &["--duration is 20 s", "7.35"]);
     bench.refused(2, "excite --harmonics 9", &["--harmonics is 9", "from 1 to 8"]);
 }

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use armid::identify::{FrictionMode, Identification, IdentifyError, Options, identify};
 use armid::recording::{Manifest, Mode, ReadOptions, Recording};
 use armid::robot::Robot;
-use armid_tests::simulator::noise::{RandomStream, Purpose, TorqueDisturbance, TorqueNoise};
+use armid_tests::simulator::noise::{Purpose, RandomStream, TorqueDisturbance, TorqueNoise};
 use armid_tests::simulator::{self, Reference, RunSettings, record};
 
 const PERIODS_S: [f64; 2] = [3.65, 5.0];
@@ -32,8 +32,9 @@ fn read(recordings: &[simulator::Recording]) -> Vec<Recording> {
     let robot = Robot::paper();
     let read = |recording: &simulator::Recording| {
         let csv = recording.to_csv();
-        let mut read = Recording::from_bytes(Path::new("run.csv"), csv.as_bytes(), &robot, ReadOptions::default(), None)
-            .expect("a recording that reads back");
+        let mut read =
+            Recording::from_bytes(Path::new("run.csv"), csv.as_bytes(), &robot, ReadOptions::default(), None)
+                .expect("a recording that reads back");
         read.command_a = Some(recording.command_a.to_vec());
         read
     };

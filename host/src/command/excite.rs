@@ -33,7 +33,7 @@ pub struct Excite {
     #[arg(long, value_enum, default_value_t)]
     criterion: Criterion,
     /// Generations of the search, 16 movements each
-    #[arg(long, value_name = "N", default_value_t = 120)]
+    #[arg(long, value_name = "N", default_value_t = 80)]
     generations: usize,
     /// Seed of the search
     #[arg(long, default_value_t = 1)]
@@ -114,14 +114,20 @@ fn paper_name(design: &Design) -> String {
 /// The result for people.
 fn report(robot: &Robot, design: &Design) -> String {
     let mut lines = vec![
-        "predicted standard errors from rounding alone, in the parameter's unit and relative to its magnitude".to_string(),
+        "predicted standard errors from rounding alone, in the parameter's unit and relative to its magnitude"
+            .to_string(),
         format!("{:<22} {:>28} {:>24} {:>8}", "parameter", paper_name(design), "this movement", "ratio"),
     ];
     for (index, &parameter) in design.free.iter().enumerate() {
         let [paper, designed] = [&design.paper, &design.designed].map(|e| e.standard_errors[index]);
         let cell = |error: f64| format!("{error:.2e} ({:.4} %)", 100.0 * error / design.magnitudes[index]);
-        let row =
-            format!("{:<22} {:>28} {:>24} {:>8.2}", parameter.name(robot), cell(paper), cell(designed), paper / designed);
+        let row = format!(
+            "{:<22} {:>28} {:>24} {:>8.2}",
+            parameter.name(robot),
+            cell(paper),
+            cell(designed),
+            paper / designed
+        );
         lines.push(row);
     }
     let (paper, designed) = (&design.paper, &design.designed);

@@ -66,7 +66,7 @@ impl Identify {
         }
         let options = Options {
             method: self.method,
-             friction: self.friction,
+            friction: self.friction,
             seed: self.seed,
             filter_hz: self.filter,
             as_recorded: self.as_recorded,

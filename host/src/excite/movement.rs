@@ -86,8 +86,7 @@ impl MovementSpace {
 
     /// Cosine and sine amplitudes of one joint in rad, and its centre in rad.
     fn joint(&self, joint: usize, numbers: &[f64]) -> (Vec<[f64; 2]>, f64) {
-        let [low, high] =
-            [self.limits.position_low_rad[joint], self.limits.position_high_rad[joint]].map(f64::from);
+        let [low, high] = [self.limits.position_low_rad[joint], self.limits.position_high_rad[joint]].map(f64::from);
         let half_range = 0.5 * (high - low);
         // Higher harmonics are fast already at small amplitudes.
         let mut series: Vec<[f64; 2]> = (0..self.harmonics)

@@ -51,9 +51,8 @@ impl Prediction {
             .collect();
 
         let count = free.len();
-        let scale: Vec<f64> = (0..count)
-            .map(|i| inner(&settled[i], &settled[i]).sqrt().max(f64::MIN_POSITIVE))
-            .collect();
+        let scale: Vec<f64> =
+            (0..count).map(|i| inner(&settled[i], &settled[i]).sqrt().max(f64::MIN_POSITIVE)).collect();
         let gram = |columns: &[Vec<Vec<f64>>]| {
             let mut gram = DMatrix::zeros(count, count);
             for i in 0..count {

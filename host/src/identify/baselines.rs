@@ -64,7 +64,8 @@ impl Run<'_> {
     fn judged(&self, values: Values, equations: &[Equations], evaluations: usize) -> Outcome {
         let product = |row: &[f64], values: &[f64]| row.iter().zip(values).map(|(a, b)| a * b).sum::<f64>();
         let residuals = |values: &[f64]| -> Series {
-            let of = |e: &Equations| e.rows.iter().zip(&e.rest).map(|(row, rest)| product(row, values) - rest).collect();
+            let of =
+                |e: &Equations| e.rows.iter().zip(&e.rest).map(|(row, rest)| product(row, values) - rest).collect();
             equations.iter().map(of).collect()
         };
         let column = |index: usize| -> Series {

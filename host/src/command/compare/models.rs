@@ -27,12 +27,7 @@ struct Entry {
 }
 
 /// Prints the models at `paths`, compared with the first.
-pub fn compare(
-    robot: &Robot,
-    paths: &[PathBuf],
-    recordings: &[Recording],
-    as_json: bool,
-) -> Result<(), CommandError> {
+pub fn compare(robot: &Robot, paths: &[PathBuf], recordings: &[Recording], as_json: bool) -> Result<(), CommandError> {
     let models = paths.iter().map(|path| read_model(path, robot)).collect::<Result<Vec<Model>, _>>()?;
     let experiment = (!recordings.is_empty()).then(|| Experiment::new(robot, recordings)).transpose()?;
     let gaps: Option<Vec<Gap>> = experiment.map(|experiment| {

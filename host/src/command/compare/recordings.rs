@@ -79,7 +79,10 @@ pub fn compare(
     }
     let mut lines = vec![
         format!("tracking errors against those of {}, in counts", recordings[0].path.display()),
-        format!("{:<30} {:>5} {:>8} {:>10} {:>10} {:>22}", "recording", "joint", "samples", "max", "rms", "references differ by"),
+        format!(
+            "{:<30} {:>5} {:>8} {:>10} {:>10} {:>22}",
+            "recording", "joint", "samples", "max", "rms", "references differ by"
+        ),
     ];
     for (recording, differences) in recordings[1..].iter().zip(&differences) {
         for (joint, difference) in robot.joints.iter().zip(differences) {
@@ -102,7 +105,8 @@ fn difference(first: &Recording, other: &Recording, joint: usize) -> Difference 
     let mut difference = Difference { samples: 0, max_counts: 0.0, rms_counts: 0.0, reference_max_counts: 0.0 };
     for (row, tick) in other.tick.iter().enumerate() {
         let Some(&of_first) = rows.get(tick) else { continue };
-        let apart = |columns: fn(&Recording) -> &Vec<Vec<f64>>| columns(other)[joint][row] - columns(first)[joint][of_first];
+        let apart =
+            |columns: fn(&Recording) -> &Vec<Vec<f64>>| columns(other)[joint][row] - columns(first)[joint][of_first];
         let error_counts = apart(|recording| &recording.error_counts);
         difference.samples += 1;
         difference.max_counts = difference.max_counts.max(error_counts.abs());
@@ -119,8 +123,7 @@ fn draw(robot: &Robot, recordings: &[Recording]) -> Result<String, Box<dyn Error
     let joints = robot.joints.len();
     let mut svg = String::new();
     {
-        let area =
-            SVGBackend::with_string(&mut svg, (WIDTH, PANEL_HEIGHT * joints as u32 + 40)).into_drawing_area();
+        let area = SVGBackend::with_string(&mut svg, (WIDTH, PANEL_HEIGHT * joints as u32 + 40)).into_drawing_area();
         area.fill(&WHITE)?;
         let area = area.titled("Tracking errors", ("sans-serif", 22))?;
         for (index, panel) in area.split_evenly((joints, 1)).iter().enumerate() {

@@ -15,10 +15,12 @@ const RECOVERY_S: f64 = 0.02;
 /// A command this share of the limit is at the limit: the converters' steps are finer.
 const AT_LIMIT: f64 = 0.995;
 
-/// Measured current is beside the commanded one from this on, in A and as a share of the command: beyond noise, and
-/// beyond a gain that is not calibrated yet.
-const BESIDE_A: f64 = 0.3;
-const BESIDE_SHARE: f64 = 0.15;
+/// Measured current is beside the commanded one from this on, in A and as a share of the command: far beyond noise.
+const BESIDE_A: f64 = 0.2;
+const BESIDE_SHARE: f64 = 0.06;
+
+/// A stretch in which it is reaches as far as half of that holds: the edges of a limit are soft.
+const EDGE: f64 = 0.5;
 
 /// Where this share of a recording's current is beside its command, the command is wrong and not the stretch.
 const MOST_BESIDE: f64 = 0.3;
@@ -58,12 +60,20 @@ pub fn find(recording: &Recording, robot: &Robot, commands_a: Option<&[Vec<f64>]
             }
             if !robot.current_is_command && robot.loop_ticks_per_record() == 1 {
                 let offset_a = current_offset_a(recording, robot, commands_a.unwrap_or_default(), index).unwrap_or(0.0);
-                let beside = |k: usize| {
+                let beside = |k: usize, share: f64| {
                     let commanded = commands[k.saturating_sub(1).max(range.start)];
                     let measured = recording.current_a[index][k] - offset_a;
-                    (measured - commanded).abs() > BESIDE_A + BESIDE_SHARE * commanded.abs()
+                    (measured - commanded).abs() > share * (BESIDE_A + BESIDE_SHARE * commanded.abs())
                 };
-                let found = runs(&range, samples(LEAST_S), beside);
+                let reaching = |found: Range<usize>| {
+                    let first = (range.start..found.start).rev().take_while(|&k| beside(k, EDGE)).last();
+                    let last = (found.end..range.end).take_while(|&k| beside(k, EDGE)).last();
+                    // What is measured at a sample was commanded at the one before.
+                    let first = first.unwrap_or(found.start).saturating_sub(1).max(range.start);
+                    first..last.map_or(found.end, |last| last + 1)
+                };
+                let found: Vec<Range<usize>> =
+                    runs(&range, samples(LEAST_S), |k| beside(k, 1.0)).into_iter().map(reaching).collect();
                 let share = found.iter().map(Range::len).sum::<usize>() as f64 / range.len() as f64;
                 for stretch in found.into_iter().filter(|_| share < MOST_BESIDE) {
                     let largest = |values: &[f64]| values[stretch.clone()].iter().fold(0.0, |a: f64, b| a.max(b.abs()));

@@ -104,7 +104,11 @@ fn bridge(values: &mut [f64], ranges: &[Range<usize>], off: &[usize]) {
                     let share = (k - before) as f64 / (after - before) as f64;
                     // Whole counts stay whole.
                     let between = values[before] + share * (values[after] - values[before]);
-                    if values[before].fract() == 0.0 && values[after].fract() == 0.0 { between.round() } else { between }
+                    if values[before].fract() == 0.0 && values[after].fract() == 0.0 {
+                        between.round()
+                    } else {
+                        between
+                    }
                 }
                 (Some(near), None) | (None, Some(near)) => values[near],
                 (None, None) => values[k],
