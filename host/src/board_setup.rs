@@ -77,7 +77,10 @@ pub fn configuration(robot: &Robot) -> Result<Configuration, SetupError> {
             speed_rad_s: pair(|joint| joint.limits.speed_rad_s),
             acceleration_rad_s2: pair(|joint| joint.limits.acceleration_rad_s2),
             // What the speed limits allow the faster counting joint; a finer encoder must not tighten them.
-            counts_per_tick: counts_per_tick(second).max(counts_per_tick(third)).ceil() as f32,
+            counts_per_tick: robot
+                .counts_per_tick_limit
+                .unwrap_or_else(|| counts_per_tick(second).max(counts_per_tick(third)).ceil())
+                as f32,
         },
         model_range: ModelRange::around(robot.search.map(|[low, _]| low), robot.search.map(|[_, high]| high)),
     })

@@ -5,10 +5,13 @@
 //!                            linear.rs        least_squares.rs       search.rs           least_squares.rs
 //! ```
 //!
-//! `full` goes the whole way; `paper` is the genetic algorithm alone, over the whole search range.
+//! `full` goes the whole way; `paper` is the genetic algorithm alone, over the whole search range; `linear` and `didim`
+//! (baselines.rs) are what others do, to compare with.
 
+mod baselines;
 mod batch;
 mod experiment;
+mod foreseen;
 mod least_squares;
 mod linear;
 mod low_pass;
@@ -30,7 +33,7 @@ pub use parameters::{FrictionMode, Parameter, Values, free_parameters};
 pub use search::{Found, Generation, SearchBox, search};
 pub use sensitivity::{Columns, Residual};
 
-use crate::recording::Recording;
+use crate::recording::{Finding, Recording, SoundPart};
 use crate::robot::{Kind, Robot};
 use stages::Run;
 
@@ -45,6 +48,12 @@ pub enum Method {
     Full,
     /// The paper's genetic algorithm alone, on the whole search range.
     Paper,
+    /// Plain least squares of the inverse dynamics on zero-phase low-passed signals (IDIM-LS): a baseline to compare
+    /// with.
+    Linear,
+    /// The same on the simulated loop's motion instead of the measured one, repeated (DIDIM): a baseline to compare
+    /// with.
+    Didim,
 }
 
 /// What to do.
@@ -56,6 +65,12 @@ pub struct Options {
     pub friction: FrictionMode,
     /// Seed of the genetic algorithm.
     pub seed: u64,
+    /// Recorded and simulated signals pass the same zero-phase low-pass of this cut-off frequency in Hz before they are
+    /// compared, so that oscillations the model does not have are left out. For `linear` and `didim` the cut-off of
+    /// their own filter.
+    pub filter_hz: Option<f64>,
+    /// Takes every sample as recorded: nothing is mended, nothing cut, no torque offset sought.
+    pub as_recorded: bool,
 }
 
 /// Where an identification is.
@@ -72,6 +87,34 @@ pub struct Progress {
 /// What stops an identification.
 #[derive(Debug, thiserror::Error)]
 pub enum IdentifyError {
+    /// The paper's method knows no filter.
+    #[error("the genetic algorithm alone compares unfiltered signals; use --filter with another --method")]
+    NoFilter,
+    /// A cut-off frequency that no filter can have.
+    #[error(
+        "--filter is {cutoff_hz} Hz, but must be from {low_hz} to {high_hz:.0} Hz: the motion is below, half the sampling rate above"
+    )]
+    Filter {
+        /// The cut-off frequency.
+        cutoff_hz: f64,
+        /// The least.
+        low_hz: f64,
+        /// The greatest.
+        high_hz: f64,
+    },
+    /// Of a recording hardly anything can be used.
+    #[error(
+        "{path}: after what had to be left out no stretch of {needed} samples is left ({reasons}); record again, or use every \
+         sample with --as-recorded"
+    )]
+    NothingSound {
+        /// The recording.
+        path: PathBuf,
+        /// Samples needed in one stretch.
+        needed: usize,
+        /// What was left out and why.
+        reasons: String,
+    },
     /// No recording was given.
     #[error("no recording to identify from; give at least one")]
     NoRecording,
@@ -152,6 +195,8 @@ pub struct Identification {
     pub generations: Vec<Generation>,
     /// Samples fitted.
     pub samples: usize,
+    /// What was found in the recordings and done about it, in words, each with its file.
+    pub findings: Vec<String>,
 }
 
 impl Identification {
@@ -176,13 +221,18 @@ pub fn identify(
     if recordings.is_empty() {
         return Err(IdentifyError::NoRecording);
     }
-    let experiment = Experiment::new(robot, recordings)?;
+    check_filter(robot, options)?;
+    let fitted = Usable::of(robot, recordings, options);
+    let experiment = fitted.experiment(robot)?;
     check_motion(&experiment)?;
-    let free = free_parameters(robot, options.friction);
-    let run = Run { experiment: &experiment, free: &free, seed: options.seed, progress };
+    let mut free = free_parameters(robot, options.friction);
+    free.extend(fitted.offsets.iter().copied().filter(|offset| !free.contains(offset)).collect::<Vec<_>>());
+    let run = Run { experiment: &experiment, free: &free, seed: options.seed, filter_hz: options.filter_hz, progress };
     let outcome = match options.method {
         Method::Full => run.full()?,
         Method::Paper => run.paper()?,
+        Method::Linear => run.linear(),
+        Method::Didim => run.didim(),
     };
     let values = outcome.values;
     if robot.kind == Kind::TwoLink {
@@ -193,9 +243,12 @@ pub fn identify(
     if options.method == Method::Full && (worst.is_nan() || worst >= largest_error(&experiment)) {
         return Err(IdentifyError::NothingFits { rms_counts: worst });
     }
+    let mut findings = fitted.findings.clone();
     let (mut held_out_rms_counts, mut held_out_innovation_rms_counts) = (Vec::new(), Vec::new());
     if !held_out.is_empty() {
-        let check = Experiment::new(robot, held_out)?;
+        let check = Usable::of(robot, held_out, options);
+        findings.extend(check.findings.iter().cloned());
+        let check = check.experiment(robot)?;
         held_out_rms_counts = check.closed_loop_rms_counts(&values);
         held_out_innovation_rms_counts = check.innovation_rms_counts(&values);
     }
@@ -223,7 +276,74 @@ pub fn identify(
         seconds: started.elapsed().as_secs_f64(),
         generations: outcome.generations,
         samples: experiment.samples(),
+        findings,
     })
+}
+
+/// Recordings as far as they can be used, and what was found in them.
+struct Usable {
+    recordings: Vec<Recording>,
+    findings: Vec<String>,
+    /// What was left out of each recording and why.
+    cuts: Vec<Vec<String>>,
+    /// The torque offsets that a bias of the current makes worth seeking.
+    offsets: Vec<Parameter>,
+}
+
+impl Usable {
+    fn of(robot: &Robot, recordings: &[Recording], options: &Options) -> Self {
+        let mut usable = Self { recordings: Vec::new(), findings: Vec::new(), cuts: Vec::new(), offsets: Vec::new() };
+        for recording in recordings {
+            if options.as_recorded {
+                usable.recordings.push(recording.clone());
+                usable.cuts.push(Vec::new());
+                continue;
+            }
+            let SoundPart { recording, findings, current_offset_a } = recording.sound_part(robot);
+            let path = recording.path.display();
+            usable.findings.extend(findings.iter().map(|finding| format!("{path}: {finding}")));
+            let is_cut = |finding: &&Finding| matches!(finding, Finding::Cut { .. });
+            usable.cuts.push(findings.iter().filter(is_cut).map(ToString::to_string).collect());
+            for (joint, offset) in current_offset_a.iter().enumerate() {
+                let parameter = Parameter::TorqueOffset(joint);
+                if offset.is_some() && !usable.offsets.contains(&parameter) {
+                    usable.offsets.push(parameter);
+                }
+            }
+            usable.recordings.push(recording);
+        }
+        usable
+    }
+
+    fn experiment<'a>(&self, robot: &'a Robot) -> Result<Experiment<'a>, IdentifyError> {
+        Experiment::new(robot, &self.recordings).map_err(|error| match error {
+            IdentifyError::TooShort { path, samples, needed } => {
+                let cuts = self.recordings.iter().zip(&self.cuts).find(|(recording, _)| recording.path == path);
+                match cuts {
+                    Some((_, cuts)) if !cuts.is_empty() => {
+                        IdentifyError::NothingSound { path, needed, reasons: cuts.join("; ") }
+                    }
+                    _ => IdentifyError::TooShort { path, samples, needed },
+                }
+            }
+            error => error,
+        })
+    }
+}
+
+/// No movement of an arm is below this frequency altogether.
+const LOWEST_FILTER_HZ: f64 = 2.0;
+
+fn check_filter(robot: &Robot, options: &Options) -> Result<(), IdentifyError> {
+    let Some(cutoff_hz) = options.filter_hz else { return Ok(()) };
+    if options.method == Method::Paper {
+        return Err(IdentifyError::NoFilter);
+    }
+    let high_hz = 0.5 / robot.record_period_s;
+    if (LOWEST_FILTER_HZ..=high_hz).contains(&cutoff_hz) {
+        return Ok(());
+    }
+    Err(IdentifyError::Filter { cutoff_hz, low_hz: LOWEST_FILTER_HZ, high_hz })
 }
 
 /// The standard error from which a parameter counts as undetermined: a share of the search range for f, half the

@@ -3,6 +3,7 @@
 mod manifest;
 mod plausible;
 mod read;
+mod sound;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -10,6 +11,7 @@ use std::path::{Path, PathBuf};
 use shared::control::PositionLoop;
 
 pub use manifest::{Manifest, ManifestJoint, Mode};
+pub use sound::{Finding, SoundPart};
 
 use crate::file_error::FileError;
 use crate::robot::{Law, Robot};

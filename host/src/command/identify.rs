@@ -34,6 +34,13 @@ pub struct Identify {
     /// Seed of the genetic algorithm
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Low-pass both the recorded and the simulated signals, without phase, before they are compared: against
+    /// oscillations the model does not have, such as those of a flexible joint; in Hz
+    #[arg(long, value_name = "HZ")]
+    filter: Option<f64>,
+    /// Use every sample as recorded: mend no corrupted samples, cut out no stretches at a limit or a stop
+    #[arg(long)]
+    as_recorded: bool,
     /// Accept recordings with gaps
     #[arg(long)]
     allow_gaps: bool,
@@ -57,7 +64,13 @@ impl Identify {
             let inputs = [with_sidecars(&self.recordings), with_sidecars(&self.check)].concat();
             check_outputs([out.as_path()], inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
         }
-        let options = Options { method: self.method, friction: self.friction, seed: self.seed };
+        let options = Options {
+            method: self.method,
+            friction: self.friction,
+            seed: self.seed,
+            filter_hz: self.filter,
+            as_recorded: self.as_recorded,
+        };
         let found = with_progress(&robot, &recordings, &held_out, &options)?;
         let model = to_model(&robot, &recordings, &found, &options);
         match &self.out {
@@ -82,6 +95,9 @@ pub fn with_progress(
         bar.set_message(step.stage);
     })?;
     bar.finish_and_clear();
+    for finding in &found.findings {
+        advise(finding);
+    }
     if found.lack_of_fit {
         advise(
             "the model leaves far more than noise: something is missing from it, and the standard errors tell only how far \
@@ -100,6 +116,8 @@ pub fn to_model(robot: &Robot, recordings: &[Recording], found: &Identification,
     let method = match options.method {
         Method::Full => "full",
         Method::Paper => "paper",
+        Method::Linear => "linear",
+        Method::Didim => "didim",
     };
     let provenance = identified_model::provenance(robot, recordings, method, options.seed);
     identified_model::from_identification(robot, found, provenance)
@@ -140,6 +158,7 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
         "lack_of_fit": found.lack_of_fit,
         "force_gap_rms": found.force_gap_rms,
         "samples": found.samples,
+        "findings": found.findings,
         "evaluations": found.evaluations,
         "seconds": found.seconds,
         "seed": seed,

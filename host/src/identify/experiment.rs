@@ -13,7 +13,7 @@ use crate::recording::Recording;
 use crate::robot::{self, Robot};
 
 /// Integration steps per record period of the innovations, the same for every candidate.
-pub(super) const INNOVATION_SUBSTEPS: u32 = 4;
+const INNOVATION_SUBSTEPS: u32 = 4;
 
 /// The longest integration step of a closed loop that is judged or fitted finely.
 const FINE_STEP_S: f64 = 5e-5;
@@ -67,17 +67,25 @@ pub struct Experiment<'a> {
     pub segments: Vec<Segment>,
     laws: [Law<f64>; 2],
     timing: SampledTiming,
+    /// Integration steps per record period of the innovations.
+    pub(super) innovation_substeps: u32,
 }
 
 impl<'a> Experiment<'a> {
-    /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
-    pub fn new(robot: &'a Robot, recordings: &[Recording]) -> Result<Self, IdentifyError> {
+    /// An experiment without a recording.
+    pub(super) fn empty(robot: &'a Robot) -> Self {
         let timing = SampledTiming {
             record_period_s: robot.record_period_s,
             loop_period_s: robot.loop_period_s,
             command_delay_s: robot.command_delay_s,
         };
-        let mut experiment = Self { robot, segments: Vec::new(), laws: laws(robot), timing };
+        let innovation_substeps = INNOVATION_SUBSTEPS;
+        Self { robot, segments: Vec::new(), laws: laws(robot), timing, innovation_substeps }
+    }
+
+    /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
+    pub fn new(robot: &'a Robot, recordings: &[Recording]) -> Result<Self, IdentifyError> {
+        let mut experiment = Self::empty(robot);
         let shortest = (SHORTEST_SEGMENT_S / robot.record_period_s) as usize;
         for recording in recordings {
             let before = experiment.segments.len();
@@ -167,7 +175,7 @@ impl<'a> Experiment<'a> {
     }
 
     /// The state at the first sample: a parabola through the first 15 ms; at rest if that travels under two counts.
-    fn start(&self, measured_counts: &[[f64; 2]]) -> State<f64> {
+    pub(super) fn start(&self, measured_counts: &[[f64; 2]]) -> State<f64> {
         let period_s = self.robot.record_period_s;
         let samples = ((0.015 / period_s) as usize).clamp(4, measured_counts.len());
         let mut state = State::at_rest([0.0; 2]);
@@ -257,7 +265,7 @@ impl<'a> Experiment<'a> {
     /// Innovations in counts, per segment and joint, at every sample.
     pub fn innovations(&self, values: &Values) -> Vec<[Vec<f64>; 2]> {
         let simulation = self.simulation(values);
-        let settings = self.settings(INNOVATION_SUBSTEPS);
+        let settings = self.settings(self.innovation_substeps);
         let of = |segment: &Segment| {
             columns(segment, |push| simulation.innovations(segment, &settings, |_, innovation| push(innovation)))
         };

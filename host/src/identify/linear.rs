@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 use shared::arm::{Arm, PARAMETERS};
 
-use super::experiment::Experiment;
+use super::experiment::{Experiment, Segment};
 use super::low_pass::low_pass;
 use super::parameters::{Parameter, Values};
 
@@ -22,8 +22,22 @@ const ENDS_S: f64 = 0.1;
 /// search range, which only decides directions the data leave open.
 const TORQUE_NOISE_NM: f64 = 0.05;
 
+/// The torque equations of one joint on one segment: `row · values of free = rest`, sample by sample.
+pub struct Equations {
+    /// What each free parameter adds to the motor torque, per unit of it.
+    pub rows: Vec<Vec<f64>>,
+    /// Motor torque less what the known parameters explain, in N m.
+    pub rest: Vec<f64>,
+}
+
 /// Least-squares estimate of `free` with everything else as in `known`, from signals low-passed at `cutoff_hz`.
 pub fn linear_start(experiment: &Experiment, known: &Values, free: &[Parameter], cutoff_hz: f64) -> Values {
+    let measured = |segment: &Segment| segment.measured_counts.clone();
+    solve(experiment, known, free, &equations(experiment, known, free, cutoff_hz, &measured))
+}
+
+/// The least-squares solution of `equations`, drawn a little to the middle of the search ranges.
+pub fn solve(experiment: &Experiment, known: &Values, free: &[Parameter], equations: &[Equations]) -> Values {
     let count = free.len();
     let mut normal = DMatrix::<f64>::zeros(count, count);
     let mut right = DVector::<f64>::zeros(count);
@@ -42,21 +56,54 @@ pub fn linear_start(experiment: &Experiment, known: &Values, free: &[Parameter],
         normal[(i, i)] += pull;
         right[i] += pull * centre[i];
     }
+    let joints = experiment.robot.joints.len();
+    for (index, Equations { rows, rest }) in equations.iter().enumerate() {
+        let samples = experiment.segments[index / joints].error_counts.len();
+        let weight = 1.0 / (TORQUE_NOISE_NM * TORQUE_NOISE_NM * (samples as f64));
+        for (row, rest) in rows.iter().zip(rest) {
+            for i in 0..count {
+                if row[i] == 0.0 {
+                    continue;
+                }
+                right[i] += weight * row[i] * rest;
+                for j in 0..count {
+                    normal[(i, j)] += weight * row[i] * row[j];
+                }
+            }
+        }
+    }
+    let solution = normal.svd(true, true).solve(&right, 1e-14).unwrap_or_else(|_| DVector::from_vec(centre));
+    let mut found = known.with(free, solution.as_slice());
+    for joint in 0..2 {
+        found.coulomb_nm[joint] = found.coulomb_nm[joint].max(0.0);
+        found.viscous_nm_s_per_rad[joint] = found.viscous_nm_s_per_rad[joint].max(0.0);
+    }
+    found
+}
 
+/// The torque equations of every segment and joint along `motion`, which gives a segment's motor positions in counts;
+/// motion and torque low-passed at `cutoff_hz`, without the ends and the samples near a reversal.
+pub fn equations(
+    experiment: &Experiment,
+    known: &Values,
+    free: &[Parameter],
+    cutoff_hz: f64,
+    motion: &dyn Fn(&Segment) -> Vec<[f64; 2]>,
+) -> Vec<Equations> {
     let period_s = experiment.robot.record_period_s;
     // A command acts from its delay after one sample to its delay after the next: half a loop period plus the delay
     // late on average.
     let lateness = (0.5 * experiment.robot.loop_period_s + experiment.robot.command_delay_s) / period_s;
-    let known = &known.with(free, &vec![0.0; count]);
+    let known = &known.with(free, &vec![0.0; free.len()]);
     let plant = known.plant(experiment.robot);
+    let mut equations = Vec::new();
     for segment in &experiment.segments {
         let samples = segment.error_counts.len();
-        let column =
-            |joint: usize, source: &[[f64; 2]]| -> Vec<f64> { source.iter().map(|pair| pair[joint]).collect() };
+        let motion = motion(segment);
         let position: [Vec<f64>; 2] = std::array::from_fn(|joint| {
             let counts_per_rad = experiment.counts_per_rad(joint);
-            let counts = low_pass(&column(joint, &segment.measured_counts), period_s, cutoff_hz);
-            counts.into_iter().map(|c| c / counts_per_rad).collect()
+            let counts: Vec<f64> = motion.iter().map(|pair| pair[joint]).collect();
+            low_pass(&counts, period_s, cutoff_hz).into_iter().map(|c| c / counts_per_rad).collect()
         });
         let torque: [Vec<f64>; 2] = std::array::from_fn(|joint| {
             let acting: Vec<f64> = (0..samples)
@@ -70,23 +117,19 @@ pub fn linear_start(experiment: &Experiment, known: &Values, free: &[Parameter],
         });
         let velocity = |joint: usize, k: usize| (position[joint][k + 1] - position[joint][k - 1]) / (2.0 * period_s);
         let ends = ((ENDS_S / period_s) as usize).max(2);
-        let usable: [Vec<bool>; 2] = std::array::from_fn(|joint| {
-            away_from_reversals(samples, (REVERSAL_S / period_s) as usize, |k| velocity(joint, k))
-        });
-        for k in ends..samples.saturating_sub(ends) {
-            let q = [position[0][k], position[1][k]];
-            let v = [velocity(0, k), velocity(1, k)];
-            let a = std::array::from_fn(|joint| {
-                let p = &position[joint];
-                (p[k + 1] - 2.0 * p[k] + p[k - 1]) / (period_s * period_s)
-            });
-            for joint in 0..experiment.robot.joints.len() {
-                if !usable[joint][k] {
-                    continue;
-                }
+        for joint in 0..experiment.robot.joints.len() {
+            let usable = away_from_reversals(samples, (REVERSAL_S / period_s) as usize, |k| velocity(joint, k));
+            let mut of_joint = Equations { rows: Vec::new(), rest: Vec::new() };
+            for k in (ends..samples.saturating_sub(ends)).filter(|&k| usable[k]) {
+                let q = [position[0][k], position[1][k]];
+                let v = [velocity(0, k), velocity(1, k)];
+                let a = std::array::from_fn(|joint| {
+                    let p = &position[joint];
+                    (p[k + 1] - 2.0 * p[k] + p[k - 1]) / (period_s * period_s)
+                });
                 let drive = &plant.drives[joint];
                 let motor_velocity = drive.gear_ratio * v[joint];
-                let row = |parameter: Parameter| match parameter {
+                let row = |parameter: &Parameter| match *parameter {
                     Parameter::F(index) => {
                         let mut f = [0.0; PARAMETERS];
                         f[index] = 1.0;
@@ -102,28 +145,13 @@ pub fn linear_start(experiment: &Experiment, known: &Values, free: &[Parameter],
                     / drive.gear_ratio
                     + drive.viscous_friction_nm_s_per_rad * motor_velocity
                     + drive.coulomb_friction_nm * motor_velocity.signum();
-                let rest = torque[joint][k] - explained_by_known;
-                let row: Vec<f64> = free.iter().map(|&parameter| row(parameter)).collect();
-                let weight = 1.0 / (TORQUE_NOISE_NM * TORQUE_NOISE_NM * (samples as f64));
-                for i in 0..count {
-                    if row[i] == 0.0 {
-                        continue;
-                    }
-                    right[i] += weight * row[i] * rest;
-                    for j in 0..count {
-                        normal[(i, j)] += weight * row[i] * row[j];
-                    }
-                }
+                of_joint.rows.push(free.iter().map(row).collect());
+                of_joint.rest.push(torque[joint][k] - explained_by_known);
             }
+            equations.push(of_joint);
         }
     }
-    let solution = normal.svd(true, true).solve(&right, 1e-14).unwrap_or_else(|_| DVector::from_vec(centre));
-    let mut start = known.with(free, solution.as_slice());
-    for joint in 0..2 {
-        start.coulomb_nm[joint] = start.coulomb_nm[joint].max(0.0);
-        start.viscous_nm_s_per_rad[joint] = start.viscous_nm_s_per_rad[joint].max(0.0);
-    }
-    start
+    equations
 }
 
 /// Which samples are at least `distance` samples from a change of the velocity's sign.

@@ -28,7 +28,7 @@ const FINAL_TOLERANCE: f64 = 1e-7;
 
 /// Over how long residuals are taken to be correlated: longer than the memory of the 4 Hz state correction, and a few
 /// dozen times in a movement, so that the estimate itself does not scatter. `tests/tests/identification.rs` judges it.
-const CORRELATION_S: f64 = 0.35;
+pub const CORRELATION_S: f64 = 0.35;
 
 /// Innovations this many times above their own white part mean that the model lacks something.
 const LACKING: f64 = 10.0;
@@ -64,6 +64,8 @@ pub struct Run<'a> {
     pub free: &'a [Parameter],
     /// Seed of the genetic algorithm.
     pub seed: u64,
+    /// Cut-off frequency of the filter both signals pass before they are compared, in Hz.
+    pub filter_hz: Option<f64>,
     /// Told of every step.
     pub progress: &'a (dyn Fn(Progress) + Sync),
 }
@@ -104,6 +106,7 @@ impl Run<'_> {
         for (rung, cutoff_hz) in LADDER_HZ.into_iter().enumerate() {
             let step = self.stage("filter ladder", rung * ITERATIONS, total);
             let period_s = experiment.robot.record_period_s;
+            let cutoff_hz = self.filter_hz.map_or(cutoff_hz, |filter_hz| cutoff_hz.min(filter_hz));
             let smooth = |columns: Columns| -> Series {
                 self.series(columns).into_iter().map(|s| low_pass(&s, period_s, cutoff_hz)).collect()
             };
@@ -141,14 +144,18 @@ impl Run<'_> {
 
         let done = LADDER_HZ.len() * ITERATIONS + searched;
         let correlated = (CORRELATION_S / experiment.robot.record_period_s) as usize;
-        let settled = |columns: Columns| self.settled(columns);
+        let settled = |columns: Columns| self.settled(self.filtered(columns));
         let innovations = Prepared { which: Residual::Innovations, prepare: &settled };
         let step = self.stage("innovations", done, total);
         let fit = self.solve(&values, &innovations, FINAL_TOLERANCE, &step);
         evaluations += fit.evaluations;
         let best = values.with(self.free, &fit.values);
         let left = settled(experiment.innovations(&best));
-        let lack_of_fit = lacks_something(&left);
+        // What the filter stops is not to be explained; the white part it leaves nothing of.
+        let lack_of_fit = match self.filter_hz {
+            None => lacks_something(&left),
+            Some(_) => experiment.robot.quantised && exceeds_rounding(&left),
+        };
 
         let (values, covariance) = if lack_of_fit {
             // Where the model lacks something no estimate is the true one. The best is then the one that repeats the
@@ -168,7 +175,7 @@ impl Run<'_> {
                 .map(|joint| {
                     let series = left.iter().skip(joint).step_by(joints).map(Vec::as_slice);
                     let period_s = experiment.robot.record_period_s;
-                    if experiment.commands_are_missing() {
+                    if experiment.commands_are_missing() || self.filter_hz.is_some() {
                         InnovationNoise::rounding_alone(period_s)
                     } else {
                         InnovationNoise::of(series, period_s)
@@ -200,6 +207,17 @@ impl Run<'_> {
             evaluations,
             generations: found.generations,
         })
+    }
+
+    /// The columns after the filter, if there is one.
+    fn filtered(&self, mut columns: Columns) -> Columns {
+        if let Some(cutoff_hz) = self.filter_hz {
+            let period_s = self.experiment.robot.record_period_s;
+            for series in columns.iter_mut().flatten() {
+                *series = low_pass(series, period_s, cutoff_hz);
+            }
+        }
+        columns
     }
 
     /// The settled part of the robot's own joints, one series per segment and joint.
@@ -277,6 +295,15 @@ impl Run<'_> {
             (self.progress)(Progress { stage, done: done.min(total), total });
         }
     }
+}
+
+/// Whether residuals are far larger than the rounding of an encoder.
+fn exceeds_rounding(residuals: &Series) -> bool {
+    const ROUNDING_COUNTS2: f64 = 1.0 / 12.0;
+    residuals.iter().any(|series| {
+        let mean_square = series.iter().map(|x| x * x).sum::<f64>() / series.len().max(1) as f64;
+        mean_square > LACKING * LACKING * ROUNDING_COUNTS2
+    })
 }
 
 /// Whether residuals are far larger than their white part, which second differences measure: √6 of it is all that

@@ -67,7 +67,7 @@ impl Paper {
         let mut of_paper = Vec::new();
         let mut of_full = Vec::new();
         for seed in self.seed..self.seed + self.runs {
-            let options = Options { method: Method::Paper, friction: FrictionMode::Known, seed };
+            let options = Options { method: Method::Paper, friction: FrictionMode::Known, seed, ..Options::default() };
             let found = identify(&known, std::slice::from_ref(&recording), &[], &options, &|_| ())?;
             of_paper.push(Judged { found, truth: truth.clone() });
             bar.inc(1);
