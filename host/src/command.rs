@@ -13,6 +13,7 @@ mod info;
 mod interrupt;
 mod monitor;
 mod progress;
+mod ranges;
 mod record;
 mod run;
 mod simulate;
@@ -59,6 +60,8 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Find f1..f9 and friction from recordings.
     Identify(identify::Identify),
+    /// Compute search ranges of f from bounds on masses, centres and inertias, or check a model against them.
+    Ranges(ranges::Ranges),
     /// Put a model onto the board, in two phases with read-back.
     Upload(upload::Upload),
     /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
@@ -81,6 +84,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Bench(command) => command.run(),
         Command::Calibrate(command) => command.run(),
         Command::Identify(command) => command.run(),
+        Command::Ranges(command) => command.run(),
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Simulate(command) => command.run(),

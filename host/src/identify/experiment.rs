@@ -56,6 +56,10 @@ pub struct Segment {
     /// Known motor torque beside the command in N m.
     pub added_torque_nm: Vec<[f64; 2]>,
     pub(super) start: State<f64>,
+    /// The laws the recording was made under.
+    pub(super) laws: [Law<f64>; 2],
+    /// Which of the experiment's recordings it is part of.
+    pub recording: usize,
 }
 
 /// A robot, the recordings made on it, and how a model repeats them.
@@ -65,7 +69,6 @@ pub struct Experiment<'a> {
     pub robot: &'a Robot,
     /// Its recordings, cut at gaps.
     pub segments: Vec<Segment>,
-    laws: [Law<f64>; 2],
     timing: SampledTiming,
 }
 
@@ -77,13 +80,13 @@ impl<'a> Experiment<'a> {
             loop_period_s: robot.loop_period_s,
             command_delay_s: robot.command_delay_s,
         };
-        let mut experiment = Self { robot, segments: Vec::new(), laws: laws(robot), timing };
+        let mut experiment = Self { robot, segments: Vec::new(), timing };
         let shortest = (SHORTEST_SEGMENT_S / robot.record_period_s) as usize;
-        for recording in recordings {
+        for (index, recording) in recordings.iter().enumerate() {
             let before = experiment.segments.len();
             for range in contiguous(&recording.tick) {
                 if range.len() >= shortest {
-                    let segment = experiment.segment(recording, range);
+                    let segment = experiment.segment(recording, index, range);
                     experiment.segments.push(segment);
                 }
             }
@@ -98,7 +101,8 @@ impl<'a> Experiment<'a> {
         Ok(experiment)
     }
 
-    fn segment(&self, recording: &Recording, range: std::ops::Range<usize>) -> Segment {
+    fn segment(&self, recording: &Recording, index: usize, range: std::ops::Range<usize>) -> Segment {
+        let laws = laws(self.robot, recording);
         let joints = self.robot.joints.len();
         let pairs = |columns: &[Vec<f64>]| -> Vec<[f64; 2]> {
             range.clone().map(|k| [columns[0][k], if joints > 1 { columns[1][k] } else { 0.0 }]).collect()
@@ -113,7 +117,7 @@ impl<'a> Experiment<'a> {
             (Some(columns), _) => pairs(columns),
             (None, true) => pairs(&recording.current_a),
             (None, false) => {
-                let mut states = self.laws.map(LawState::new);
+                let mut states = laws.map(LawState::new);
                 reference_counts
                     .iter()
                     .zip(&actual)
@@ -140,6 +144,8 @@ impl<'a> Experiment<'a> {
             command_a,
             added_torque_nm,
             start,
+            laws,
+            recording: index,
         }
     }
 
@@ -179,11 +185,6 @@ impl<'a> Experiment<'a> {
             }
         }
         state
-    }
-
-    /// The robot's laws.
-    pub(super) fn laws(&self) -> &[Law<f64>; 2] {
-        &self.laws
     }
 
     pub(super) fn settings(&self, substeps: u32) -> ReplaySettings {
@@ -317,10 +318,14 @@ fn initial_slope(values: &[f64]) -> f64 {
     solution.map_or(0.0, |coefficients| coefficients[1])
 }
 
-fn laws(robot: &Robot) -> [Law<f64>; 2] {
+/// The laws a recording was made under: its manifest's gains, else the robot file's.
+fn laws(robot: &Robot, recording: &Recording) -> [Law<f64>; 2] {
+    let noted = |index: usize| recording.manifest.as_ref().and_then(|manifest| manifest.joint.get(index));
     let law = |index: usize| match robot.joints.get(index) {
         Some(joint) => match joint.law {
-            robot::Law::Proportional(position_loop) => Law::Proportional(position_loop),
+            robot::Law::Proportional(position_loop) => {
+                Law::Proportional(noted(index).map_or(position_loop, |noted| noted.in_force(&position_loop)))
+            }
             robot::Law::Cascade { position_gain_per_s, velocity_gain } => Law::Cascade(Cascade {
                 position_gain_per_s,
                 velocity_gain,
