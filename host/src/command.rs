@@ -15,6 +15,7 @@ mod info;
 mod interrupt;
 mod monitor;
 mod progress;
+mod ranges;
 mod record;
 mod run;
 mod simulate;
@@ -65,6 +66,8 @@ enum Command {
     Compare(compare::Compare),
     /// Design the movement that determines f1..f9 best within the robot's limits.
     Excite(excite::Excite),
+    /// Compute search ranges of f from bounds on masses, centres and inertias, or check a model against them.
+    Ranges(ranges::Ranges),
     /// Put a model onto the board, in two phases with read-back.
     Upload(upload::Upload),
     /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
@@ -89,6 +92,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Identify(command) => command.run(),
         Command::Compare(command) => command.run(),
         Command::Excite(command) => command.run(),
+        Command::Ranges(command) => command.run(),
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Simulate(command) => command.run(),

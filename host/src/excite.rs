@@ -19,7 +19,7 @@ use shared::trajectory::{self, LimitError, MAX_HARMONICS, Margins, MotionLimits,
 
 use crate::board_setup::{self, SetupError};
 use crate::identified_model;
-use crate::identify::{FrictionMode, Parameter, Values, free_parameters};
+use crate::identify::{Parameter, Sought, Values, free_parameters};
 use crate::model::Model;
 use crate::random::Random;
 use crate::robot::Robot;
@@ -332,7 +332,7 @@ pub fn design(
     let counts_per_rad = [0, 1].map(|joint| robot.joints[joint].counts_per_rad());
     let period_ns = (settings.duration_s * 1e9 / f64::from(settings.repeats)).round() as u64;
     let values = nominal(robot, model);
-    let free = free_parameters(robot, FrictionMode::Identify);
+    let free = free_parameters(robot, &Sought::default());
     let magnitudes = free.iter().map(|&parameter| magnitude(robot, &values, parameter)).collect();
     let periods = (period_ns, settings.repeats);
     let problem = Problem {

@@ -10,6 +10,9 @@
 
 mod baselines;
 mod batch;
+mod certainty;
+mod consistency;
+mod covariance;
 mod experiment;
 mod foreseen;
 mod least_squares;
@@ -25,11 +28,13 @@ mod stages;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use shared::arm::ArmError;
+use nalgebra::DMatrix;
+use shared::arm::{ArmError, PARAMETERS};
 
+pub use certainty::{Direction, LeftOut, Repeats, weak_directions};
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
-pub use parameters::{FrictionMode, Parameter, Values, free_parameters};
+pub use parameters::{FrictionMode, Parameter, Prior, Sought, Values, free_parameters};
 pub use search::{Found, Generation, SearchBox, search};
 pub use sensitivity::{Columns, Residual};
 
@@ -57,12 +62,12 @@ pub enum Method {
 }
 
 /// What to do.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Options {
     /// The method.
     pub method: Method,
-    /// How friction enters.
-    pub friction: FrictionMode,
+    /// Which parameters are sought.
+    pub sought: Sought,
     /// Seed of the genetic algorithm.
     pub seed: u64,
     /// Recorded and simulated signals pass the same zero-phase low-pass of this cut-off frequency in Hz before they are
@@ -71,6 +76,8 @@ pub struct Options {
     pub filter_hz: Option<f64>,
     /// Takes every sample as recorded: nothing is mended, nothing cut, no torque offset sought.
     pub as_recorded: bool,
+    /// What is known beforehand; parameters that are not sought are left as they are.
+    pub priors: Vec<Prior>,
 }
 
 /// Where an identification is.
@@ -169,6 +176,18 @@ pub struct Identification {
     pub standard_errors: Option<Vec<f64>>,
     /// Correlation of the sought parameters' errors.
     pub correlations: Option<Vec<Vec<f64>>>,
+    /// Covariance of the sought parameters' errors, row by row.
+    pub covariance: Option<Vec<Vec<f64>>>,
+    /// Condition number of the information matrix, scaled to a unit diagonal: 1 where every parameter shows by itself.
+    pub condition_number: Option<f64>,
+    /// Combinations of the sought parameters that these recordings do not determine.
+    pub weak_directions: Vec<Direction>,
+    /// Bounds that a real machine keeps to and that the values lie on: the recordings alone would have crossed them.
+    pub touched_bounds: Vec<String>,
+    /// Each recording judged by a fit to the others, in the order of the recordings; empty for a single one.
+    pub left_out: Vec<LeftOut>,
+    /// Movements that were recorded more than once, with how far their estimates scatter.
+    pub repeats: Vec<Repeats>,
     /// Whether the model leaves far more than noise: something is missing from it, and standard errors tell only how
     /// far the best fit is determined, not how far it is true.
     pub lack_of_fit: bool,
@@ -200,10 +219,33 @@ pub struct Identification {
 }
 
 impl Identification {
-    /// The standard error of one parameter, if it was sought.
+    /// The standard error of one parameter, if it was sought or follows from one that was.
     pub fn standard_error(&self, parameter: Parameter) -> Option<f64> {
-        let index = self.free.iter().position(|&p| p == parameter)?;
-        Some(self.standard_errors.as_ref()?[index])
+        let of = |parameter: Parameter| {
+            let index = self.free.iter().position(|&p| p == parameter)?;
+            Some(self.standard_errors.as_ref()?[index])
+        };
+        match (self.values.upper_arm_m, parameter) {
+            (Some(length), Parameter::F(index @ (2 | 3))) => of(Parameter::F(index + 2)).map(|error| length * error),
+            _ => of(parameter),
+        }
+    }
+}
+
+impl Identification {
+    /// The inverse covariance of f1..f9, whatever else was sought: the metric in which one f is near another. An f that
+    /// was not sought, or follows from others, counts as known to a thousandth of its own size; so does everything where
+    /// the method gives no standard errors.
+    pub fn f_information(&self) -> DMatrix<f64> {
+        let sought: Vec<Option<usize>> =
+            (0..PARAMETERS).map(|index| self.free.iter().position(|&free| free == Parameter::F(index))).collect();
+        let covariance =
+            DMatrix::from_fn(PARAMETERS, PARAMETERS, |i, j| match (&self.covariance, sought[i], sought[j]) {
+                (Some(covariance), Some(i), Some(j)) => covariance[i][j],
+                _ if i == j => (1e-3 * self.values.f[i].abs().max(1e-2)).powi(2),
+                _ => 0.0,
+            });
+        covariance::inverse(&covariance)
     }
 }
 
@@ -225,9 +267,18 @@ pub fn identify(
     let fitted = Usable::of(robot, recordings, options);
     let experiment = fitted.experiment(robot)?;
     check_motion(&experiment)?;
-    let mut free = free_parameters(robot, options.friction);
+    let mut free = free_parameters(robot, &options.sought);
     free.extend(fitted.offsets.iter().copied().filter(|offset| !free.contains(offset)).collect::<Vec<_>>());
-    let run = Run { experiment: &experiment, free: &free, seed: options.seed, filter_hz: options.filter_hz, progress };
+    let priors: Vec<Prior> = options.priors.iter().copied().filter(|prior| free.contains(&prior.parameter)).collect();
+    let run = Run {
+        experiment: &experiment,
+        free: &free,
+        priors: &priors,
+        upper_arm_m: options.sought.upper_arm_m,
+        seed: options.seed,
+        filter_hz: options.filter_hz,
+        progress,
+    };
     let outcome = match options.method {
         Method::Full => run.full()?,
         Method::Paper => run.paper()?,
@@ -252,13 +303,15 @@ pub fn identify(
         held_out_rms_counts = check.closed_loop_rms_counts(&values);
         held_out_innovation_rms_counts = check.innovation_rms_counts(&values);
     }
-    let not_identifiable = outcome
-        .standard_errors
+    let tolerances: Vec<f64> = free.iter().map(|&parameter| identifiable_below(robot, &values, parameter)).collect();
+    let standard_errors = outcome.certainty.as_ref().map(|certainty| certainty::standard_errors(&certainty.covariance));
+    let not_identifiable = standard_errors
         .iter()
-        .flat_map(|errors| free.iter().zip(errors))
-        .filter(|&(&parameter, &error)| error.is_nan() || error >= identifiable_below(robot, &values, parameter))
-        .map(|(&parameter, _)| parameter)
+        .flat_map(|errors| free.iter().zip(errors).zip(&tolerances))
+        .filter(|&((_, &error), &tolerance)| error.is_nan() || error >= tolerance)
+        .map(|((&parameter, _), _)| parameter)
         .collect();
+    let certainty = outcome.certainty.as_ref();
     Ok(Identification {
         objective_counts2: experiment.objective_counts2(&values),
         rms_counts,
@@ -266,10 +319,18 @@ pub fn identify(
         innovation_rms_counts: experiment.innovation_rms_counts(&values),
         held_out_innovation_rms_counts,
         force_gap_rms: robot.current_is_command.then(|| experiment.force_gap_rms(&values)),
+        correlations: certainty.map(|certainty| certainty::correlations(&certainty.covariance)),
+        covariance: certainty.map(|certainty| certainty::rows(&certainty.covariance)),
+        condition_number: certainty.map(|certainty| certainty::condition_number(&certainty.scaled_information)),
+        weak_directions: certainty
+            .map_or(Vec::new(), |certainty| weak_directions(&values, &free, &certainty.covariance, &tolerances)),
+        touched_bounds: consistency::touched_bounds(robot, &values),
+        left_out: certainty
+            .map_or(Vec::new(), |certainty| certainty::left_out(robot, recordings, &values, &free, certainty)),
+        repeats: certainty.map_or(Vec::new(), |certainty| certainty::repeats(recordings, certainty)),
         values,
         free,
-        standard_errors: outcome.standard_errors,
-        correlations: outcome.correlations,
+        standard_errors,
         not_identifiable,
         lack_of_fit: outcome.lack_of_fit,
         evaluations: outcome.evaluations,

@@ -102,7 +102,7 @@ impl Recording {
             .collect()
     }
 
-    /// Refuses a recording whose manifest contradicts the robot file: another controller, period or gain.
+    /// Refuses a recording whose manifest contradicts the robot file: another controller or period, or an unstable gain.
     ///
     /// For whoever repeats the recording with the robot file's loop; `calibrate` only wants the periods.
     pub fn check_conditions(&self, robot: &Robot) -> Result<(), FileError> {

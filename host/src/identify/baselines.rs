@@ -7,11 +7,12 @@
 use shared::drive::centre_of_count;
 
 use super::Progress;
+use super::covariance;
 use super::experiment::{Experiment, Fineness, Segment};
-use super::least_squares::{Problem, Series};
+use super::least_squares::Series;
 use super::linear::{Equations, equations, solve};
 use super::parameters::Values;
-use super::stages::{CORRELATION_S, Outcome, Run};
+use super::stages::{Outcome, Run};
 
 /// Cut-off frequency of the signals in Hz where none is given: the best compromise of noise against bias.
 const CUTOFF_HZ: f64 = 25.0;
@@ -52,46 +53,27 @@ impl Run<'_> {
     }
 
     fn equations(&self, motion: &dyn Fn(&Segment) -> Vec<[f64; 2]>) -> Vec<Equations> {
-        let known = Values::of_robot(self.experiment.robot);
-        equations(self.experiment, &known, self.free, self.filter_hz.unwrap_or(CUTOFF_HZ), motion)
+        equations(self.experiment, &self.known(), self.free, self.filter_hz.unwrap_or(CUTOFF_HZ), motion)
     }
 
     fn solve_equations(&self, equations: &[Equations]) -> Values {
-        solve(self.experiment, &Values::of_robot(self.experiment.robot), self.free, equations)
+        solve(self.experiment, &self.known(), self.free, self.priors, equations)
     }
 
     /// The outcome with the standard errors that the scatter of the torque suggests.
     fn judged(&self, values: Values, equations: &[Equations], evaluations: usize) -> Outcome {
-        let product = |row: &[f64], values: &[f64]| row.iter().zip(values).map(|(a, b)| a * b).sum::<f64>();
-        let residuals = |values: &[f64]| -> Series {
-            let of =
-                |e: &Equations| e.rows.iter().zip(&e.rest).map(|(row, rest)| product(row, values) - rest).collect();
-            equations.iter().map(of).collect()
-        };
+        let at = values.of(self.free);
+        let misfit = |row: &Vec<f64>, rest: &f64| row.iter().zip(&at).map(|(a, b)| a * b).sum::<f64>() - rest;
+        let residuals: Series = equations
+            .iter()
+            .map(|e| e.rows.iter().zip(&e.rest).map(|(row, rest)| misfit(row, rest)).collect())
+            .collect();
         let column = |index: usize| -> Series {
             equations.iter().map(|e| e.rows.iter().map(|row| row[index]).collect()).collect()
         };
-        let problem = Problem {
-            residuals: &residuals,
-            sensitivities: &|_| (0..self.free.len()).map(column).collect(),
-            acceptable: &|_| true,
-            tolerance: 0.0,
-            progress: &|_| (),
-        };
-        let correlated = (CORRELATION_S / self.experiment.robot.record_period_s) as usize;
-        let covariance = problem.covariance(&values.of(self.free), correlated);
-        let standard_errors: Vec<f64> = covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect();
-        let correlation = |i: usize, j: usize| covariance[(i, j)] / (standard_errors[i] * standard_errors[j]);
-        let count = self.free.len();
-        let correlations = (0..count).map(|i| (0..count).map(|j| correlation(i, j)).collect()).collect();
-        Outcome {
-            values,
-            standard_errors: Some(standard_errors),
-            correlations: Some(correlations),
-            lack_of_fit: false,
-            evaluations,
-            generations: Vec::new(),
-        }
+        let sensitivities: Vec<Series> = (0..self.free.len()).map(column).collect();
+        let certainty = covariance::certainty(&self.fitted(&sensitivities, &residuals, 0.0));
+        Outcome { values, certainty: Some(certainty), lack_of_fit: false, evaluations, generations: Vec::new() }
     }
 }
 

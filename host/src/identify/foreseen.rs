@@ -5,7 +5,7 @@ use shared::drive::centre_of_count;
 use shared::plant::State;
 use shared::replay::ClosedLoop;
 
-use super::experiment::{Experiment, Fineness, Segment};
+use super::experiment::{Experiment, Fineness, Segment, laws};
 use super::parameters::Values;
 use crate::robot::Robot;
 
@@ -19,19 +19,23 @@ impl<'a> Experiment<'a> {
         let mut experiment = Self::empty(robot);
         // Nothing measured is to be met: what the motion depends on shows at one step as well.
         experiment.innovation_substeps = 1;
-        experiment.segments =
-            references_rad.iter().map(|reference| experiment.foreseen_segment(values, reference)).collect();
+        experiment.segments = references_rad
+            .iter()
+            .enumerate()
+            .map(|(index, reference)| experiment.foreseen_segment(values, index, reference))
+            .collect();
         experiment
     }
 
-    fn foreseen_segment(&self, values: &Values, reference_rad: &[[f64; 2]]) -> Segment {
+    fn foreseen_segment(&self, values: &Values, index: usize, reference_rad: &[[f64; 2]]) -> Segment {
         let plant = values.plant(self.robot);
+        let laws = laws(self.robot, None);
         let counts_per_rad = [self.counts_per_rad(0), self.counts_per_rad(1)];
         let counts = |rad: &[f64; 2]| [rad[0] * counts_per_rad[0], rad[1] * counts_per_rad[1]];
         let reference_counts: Vec<[f64; 2]> = reference_rad.iter().map(counts).collect();
         let still = reference_rad.first().copied().unwrap_or_default();
         let settings = self.settings(self.closed_loop_substeps(Fineness::Coarse));
-        let mut model = ClosedLoop::new(&plant, self.laws().map(LawState::new), &settings, State::at_rest(still));
+        let mut model = ClosedLoop::new(&plant, laws.map(LawState::new), &settings, State::at_rest(still));
         for _ in 0..(HOLD_S / self.robot.record_period_s) as usize {
             model.tick(counts(&still), [0.0; 2]);
         }
@@ -57,6 +61,8 @@ impl<'a> Experiment<'a> {
             error_counts,
             measured_counts,
             command_a,
+            laws,
+            recording: index,
             start,
         }
     }

@@ -7,10 +7,11 @@
 
 use nalgebra::{DMatrix, DVector};
 use shared::arm::{Arm, PARAMETERS};
+use shared::plant::Plant;
 
 use super::experiment::{Experiment, Segment};
 use super::low_pass::low_pass;
-use super::parameters::{Parameter, Values};
+use super::parameters::{Parameter, Prior, Values};
 
 /// Samples this close to a reversal are left out: there the filtered velocity's sign says nothing about friction.
 const REVERSAL_S: f64 = 0.05;
@@ -31,13 +32,25 @@ pub struct Equations {
 }
 
 /// Least-squares estimate of `free` with everything else as in `known`, from signals low-passed at `cutoff_hz`.
-pub fn linear_start(experiment: &Experiment, known: &Values, free: &[Parameter], cutoff_hz: f64) -> Values {
+pub fn linear_start(
+    experiment: &Experiment,
+    known: &Values,
+    free: &[Parameter],
+    priors: &[Prior],
+    cutoff_hz: f64,
+) -> Values {
     let measured = |segment: &Segment| segment.measured_counts.clone();
-    solve(experiment, known, free, &equations(experiment, known, free, cutoff_hz, &measured))
+    solve(experiment, known, free, priors, &equations(experiment, known, free, cutoff_hz, &measured))
 }
 
-/// The least-squares solution of `equations`, drawn a little to the middle of the search ranges.
-pub fn solve(experiment: &Experiment, known: &Values, free: &[Parameter], equations: &[Equations]) -> Values {
+/// The least-squares solution of `equations` and `priors`, drawn a little to the middle of the search ranges.
+pub fn solve(
+    experiment: &Experiment,
+    known: &Values,
+    free: &[Parameter],
+    priors: &[Prior],
+    equations: &[Equations],
+) -> Values {
     let count = free.len();
     let mut normal = DMatrix::<f64>::zeros(count, count);
     let mut right = DVector::<f64>::zeros(count);
@@ -49,12 +62,22 @@ pub fn solve(experiment: &Experiment, known: &Values, free: &[Parameter], equati
                 centre[i] = 0.5 * (low + high);
                 0.5 * (high - low)
             }
+            // A gain is nearly what it was set to. Without a prior this decides the common scale, if nothing else does.
+            Parameter::Gain(_) => {
+                centre[i] = 1.0;
+                0.1
+            }
             // Nothing is known beforehand about what the robot file leaves out.
             _ => f64::INFINITY,
         };
         let pull = 1.0 / (half_width * half_width);
         normal[(i, i)] += pull;
         right[i] += pull * centre[i];
+        for prior in priors.iter().filter(|prior| prior.parameter == parameter) {
+            let pull = 1.0 / (prior.standard_deviation * prior.standard_deviation);
+            normal[(i, i)] += pull;
+            right[i] += pull * prior.mean;
+        }
     }
     let joints = experiment.robot.joints.len();
     for (index, Equations { rows, rest }) in equations.iter().enumerate() {
@@ -94,7 +117,9 @@ pub fn equations(
     // A command acts from its delay after one sample to its delay after the next: half a loop period plus the delay
     // late on average.
     let lateness = (0.5 * experiment.robot.loop_period_s + experiment.robot.command_delay_s) / period_s;
+    let commanded = known.plant(experiment.robot);
     let known = &known.with(free, &vec![0.0; free.len()]);
+    // A gain that is sought is zero here: its torque stands on the other side of the equation.
     let plant = known.plant(experiment.robot);
     let mut equations = Vec::new();
     for segment in &experiment.segments {
@@ -105,15 +130,18 @@ pub fn equations(
             let counts: Vec<f64> = motion.iter().map(|pair| pair[joint]).collect();
             low_pass(&counts, period_s, cutoff_hz).into_iter().map(|c| c / counts_per_rad).collect()
         });
-        let torque: [Vec<f64>; 2] = std::array::from_fn(|joint| {
-            let acting: Vec<f64> = (0..samples)
-                .map(|k| {
-                    let now = plant.drives[joint].motor_torque_nm(segment.command_a[k][joint]);
-                    let before = plant.drives[joint].motor_torque_nm(segment.command_a[k.saturating_sub(1)][joint]);
-                    now + lateness.min(1.0) * (before - now) + segment.added_torque_nm[k][joint]
-                })
-                .collect();
-            low_pass(&acting, period_s, cutoff_hz)
+        let acting = |plant: &Plant<f64>, joint: usize, added: f64| {
+            let torque = |k: usize| plant.drives[joint].motor_torque_nm(segment.command_a[k][joint]);
+            let late = |k: usize| {
+                let (now, before) = (torque(k), torque(k.saturating_sub(1)));
+                now + lateness.min(1.0) * (before - now) + added * segment.added_torque_nm[k][joint]
+            };
+            low_pass(&(0..samples).map(late).collect::<Vec<f64>>(), period_s, cutoff_hz)
+        };
+        let torque: [Vec<f64>; 2] = std::array::from_fn(|joint| acting(&plant, joint, 1.0));
+        let torque_of_gain: [Vec<f64>; 2] = std::array::from_fn(|joint| match free.contains(&Parameter::Gain(joint)) {
+            true => acting(&commanded, joint, 0.0),
+            false => Vec::new(),
         });
         let velocity = |joint: usize, k: usize| (position[joint][k + 1] - position[joint][k - 1]) / (2.0 * period_s);
         let ends = ((ENDS_S / period_s) as usize).max(2);
@@ -130,15 +158,15 @@ pub fn equations(
                 let drive = &plant.drives[joint];
                 let motor_velocity = drive.gear_ratio * v[joint];
                 let row = |parameter: &Parameter| match *parameter {
-                    Parameter::F(index) => {
-                        let mut f = [0.0; PARAMETERS];
-                        f[index] = 1.0;
-                        let arm = Arm { f, gravity_m_s2: plant.arm.gravity_m_s2 };
+                    Parameter::F(_) => {
+                        let unit = Values { f: [0.0; PARAMETERS], ..*known }.with(&[*parameter], &[1.0]);
+                        let arm = Arm { f: unit.f, gravity_m_s2: plant.arm.gravity_m_s2 };
                         arm.inverse_dynamics_nm(q, v, a)[joint] / drive.gear_ratio
                     }
                     Parameter::Viscous(of) if of == joint => motor_velocity,
                     Parameter::Coulomb(of) if of == joint => motor_velocity.signum(),
                     Parameter::TorqueOffset(of) if of == joint => 1.0,
+                    Parameter::Gain(of) if of == joint => -torque_of_gain[joint][k],
                     _ => 0.0,
                 };
                 let explained_by_known = known.arm(experiment.robot).inverse_dynamics_nm(q, v, a)[joint]

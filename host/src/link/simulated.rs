@@ -30,6 +30,15 @@ use crate::hidden_robot::HiddenRobot;
 use crate::random::Random;
 use crate::robot::Robot;
 
+/// Torque that no model knows: a random torque at each motor, of a memory of its own (Gauss–Markov process).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TorqueNoise {
+    /// Standard deviation at each motor in N m.
+    pub deviation_nm: [f64; 2],
+    /// Time after which its correlation has fallen to 1/e, in s.
+    pub correlation_time_s: f64,
+}
+
 /// Noise of the current sensor, A rms.
 const CURRENT_NOISE_A: f64 = 0.02;
 
@@ -65,6 +74,9 @@ pub struct SimulatedBoard {
     /// Whether the next tick is to find that one was too late.
     deadline_missed: bool,
     random: Random,
+    torque_noise: Option<TorqueNoise>,
+    torque_random: Random,
+    noise_nm: [f64; 2],
     time_ns: u64,
     from_host: Decoder,
     to_host: VecDeque<u8>,
@@ -115,6 +127,9 @@ impl SimulatedBoard {
             equal_cells: false,
             deadline_missed: false,
             random: Random::new(seed, 2),
+            torque_noise: None,
+            torque_random: Random::new(seed, 3),
+            noise_nm: [0.0; 2],
             time_ns: 0,
             from_host: Decoder::new(),
             to_host: VecDeque::new(),
@@ -143,6 +158,13 @@ impl SimulatedBoard {
     /// the paper's `fix()`. Both agree where positions are negative.
     pub fn with_equal_cells(mut self) -> Self {
         self.equal_cells = true;
+        self
+    }
+
+    /// With `noise` at the motors.
+    pub fn with_torque_noise(mut self, noise: TorqueNoise) -> Self {
+        self.torque_noise = Some(noise);
+        self.noise_nm = noise.deviation_nm.map(|deviation| deviation * self.torque_random.normal());
         self
     }
 
@@ -245,6 +267,14 @@ impl SimulatedBoard {
             deadline_missed: std::mem::take(&mut self.deadline_missed),
         };
         let period_ns = u64::from(self.board.loop_period_ns());
+        if let Some(noise) = self.torque_noise {
+            // Exact for this process at any period.
+            let kept = (-1e-9 * period_ns as f64 / noise.correlation_time_s).exp();
+            let fresh = (1.0 - kept * kept).sqrt();
+            for (torque_nm, deviation_nm) in self.noise_nm.iter_mut().zip(noise.deviation_nm) {
+                *torque_nm = kept * *torque_nm + fresh * deviation_nm * self.torque_random.normal();
+            }
+        }
         let outputs = self.board.tick(&inputs);
         self.command_code = outputs.command_code;
         self.board.advance_check();
@@ -300,7 +330,8 @@ impl SimulatedBoard {
     /// Lets the arm move for `duration_ns` under the current that flows.
     fn advance(&mut self, duration_ns: u64) {
         let steps = duration_ns.div_ceil(LONGEST_STEP_NS);
-        let torque_nm = std::array::from_fn(|joint| self.drives[joint].motor_torque_nm(self.current_a[joint]));
+        let torque_nm =
+            [0, 1].map(|joint| self.drives[joint].motor_torque_nm(self.current_a[joint]) + self.noise_nm[joint]);
         for _ in 0..steps {
             self.state = self.plant.step(&self.state, torque_nm, duration_ns as f64 * 1e-9 / steps as f64);
         }
