@@ -7,6 +7,7 @@
 //! firmware_image                             what may be flashed to a board
 //! hidden_robot                               what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! explain_benchmark                          verdicts on recordings with hidden effects against the truth
 //! ```
 #![forbid(unsafe_code)]
 #![expect(clippy::result_large_err, reason = "an error ends the command; none is on a path that is often taken")]
@@ -17,6 +18,7 @@ pub mod calibrate;
 pub mod capture;
 pub mod client;
 mod edit_distance;
+pub mod explain_benchmark;
 pub mod file_error;
 pub mod firmware_image;
 pub mod hidden_robot;

@@ -1,5 +1,6 @@
 //! `armid bench`: the figures the documentation quotes, measured anew.
 
+mod explain;
 mod paper;
 
 use clap::{Args, Subcommand};
@@ -15,6 +16,8 @@ pub struct Bench {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    /// `explain` and its rivals on recordings with hidden effects.
+    Explain(explain::Explain),
     /// The paper's identification beside ours: objective and scatter over seeds.
     Paper(paper::Paper),
 }
@@ -22,6 +25,7 @@ enum What {
 impl Bench {
     pub fn run(&self) -> Result<(), CommandError> {
         match &self.what {
+            What::Explain(explain) => explain.run(),
             What::Paper(paper) => paper.run(),
         }
     }
