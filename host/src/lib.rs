@@ -8,6 +8,7 @@
 //! hidden_robot                               what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
 //! excite                                     the movement that determines the parameters best
+//! explain_benchmark                          verdicts on recordings with hidden effects against the truth
 //! ```
 #![forbid(unsafe_code)]
 #![expect(clippy::result_large_err, reason = "an error ends the command; none is on a path that is often taken")]
@@ -20,6 +21,7 @@ pub mod client;
 mod convex;
 mod edit_distance;
 pub mod excite;
+pub mod explain_benchmark;
 pub mod file_error;
 pub mod firmware_image;
 pub mod hidden_robot;
