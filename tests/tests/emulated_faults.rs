@@ -229,27 +229,25 @@ fn a_bus_error_switches_off_and_restarts_the_board() {
     check_restarted(struck, "bus error", "bus-error", NEXT_TICK_NS);
 }
 
-/// Received bytes no longer reach the program, until it notices that and starts the transfer again.
+/// Received bytes no longer reach the program: for the board the host has gone.
 #[test]
-fn a_stuck_receiver_is_started_again() {
+fn a_stuck_receiver_ends_in_a_lost_link() {
     let Some(switch_on) = switched_on() else { return };
     let board = switch_on(Setup::default());
     let mut client = ready(&board);
     client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");
+    let timeout_ns = armid::board_setup::configuration(&armid_tests::scenarios::robot())
+        .expect("a safe robot")
+        .common
+        .link_timeout_ns;
     let struck = strike(board, client, |board| stop_stream(board, DMA1_STREAM1_CONTROL));
-    check_recovered(struck, "receiver");
-}
-
-/// The movement went on; nothing is missing from its recording, and the board answers.
-fn check_recovered(struck: Struck, name: &str) {
-    let Struck { board, mut client, movement, .. } = struck;
-    println!("{name} stuck: {} requests repeated, {} rows read again", client.repeats(), movement.reread_rows);
-    check_complete(&movement);
-    // Lost is what was on the way, and what came until it was noticed; not a second of it, as without a new start.
-    assert!(client.repeats() < 4, "{} repeats", client.repeats());
-    assert!(client.repeats() + movement.reread_rows > 0, "nothing was lost");
-    assert_eq!(client.status().expect("an answer").mode, Mode::Idle);
-    assert_eq!(BoardUnderTest::finish(board).restarts, []);
+    assert!(struck.movement.partial.is_some());
+    let observations = BoardUnderTest::finish(struck.board);
+    let off_ns = observations.off_after_ns(struck.at_ns).expect("switched off");
+    println!("receiver stuck: off after {:.1} ms", off_ns as f64 * 1e-6);
+    assert!(off_ns <= timeout_ns + NEXT_TICK_NS);
+    assert!(observations.ends_safe());
+    assert_eq!(observations.restarts, []);
 }
 
 /// Stopped in the middle of a frame, the transmitter says nothing more, until that frame is given up.
@@ -266,7 +264,14 @@ fn a_stuck_transmitter_is_started_again() {
             stop_stream(board, DMA1_STREAM3_CONTROL);
         }
     });
-    check_recovered(struck, "transmitter");
+    let Struck { board, mut client, movement, .. } = struck;
+    println!("transmitter stuck: {} requests repeated, {} rows read again", client.repeats(), movement.reread_rows);
+    check_complete(&movement);
+    // Lost is what was on the way, and what came until it was noticed; not a second of it, as without a new start.
+    assert!(client.repeats() < 4, "{} repeats", client.repeats());
+    assert!(movement.reread_rows > 0, "nothing was lost");
+    assert_eq!(client.status().expect("an answer").mode, Mode::Idle);
+    assert_eq!(BoardUnderTest::finish(board).restarts, []);
 }
 
 /// The board's state in the chip's memory.
