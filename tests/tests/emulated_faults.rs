@@ -43,7 +43,7 @@ const ADC1_CONTROL: u64 = 0x4001_2008;
 /// Counter of joint 2.
 const TIM2_COUNTER: u64 = 0x4000_0024;
 
-/// Control registers of the DMA streams that move received and sent bytes; without their lowest bit they stop.
+/// Control registers of the DMA streams that move received and sent bytes. At 0, or without their lowest bit, they stop.
 const DMA1_STREAM1_CONTROL: u64 = 0x4002_6028;
 const DMA1_STREAM3_CONTROL: u64 = 0x4002_6058;
 
@@ -240,7 +240,7 @@ fn a_stuck_receiver_ends_in_a_lost_link() {
         .expect("a safe robot")
         .common
         .link_timeout_ns;
-    let struck = strike(board, client, |board| stop_stream(board, DMA1_STREAM1_CONTROL));
+    let struck = strike(board, client, |board| write_register(board, DMA1_STREAM1_CONTROL, 0));
     assert!(struck.movement.partial.is_some());
     let observations = BoardUnderTest::finish(struck.board);
     let off_ns = observations.off_after_ns(struck.at_ns).expect("switched off");
