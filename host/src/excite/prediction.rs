@@ -12,6 +12,9 @@ const ROUNDING_COUNTS: f64 = 0.288_675_134_594_812_9;
 /// Relative size of the smallest information still told from none.
 const LEAST_INFORMATION: f64 = 1e-14;
 
+/// Variance of a parameter that leaves no trace at all: finite, so that one can go on computing.
+const UNKNOWN: f64 = 1e30;
+
 /// What a robot would do on a movement, and how well that would determine its parameters.
 #[derive(Clone, Debug)]
 pub struct Prediction {
@@ -64,14 +67,31 @@ impl Prediction {
             }
             gram
         };
-        let eigen = gram(&settled).symmetric_eigen();
-        let floor = eigen.eigenvalues.max() * LEAST_INFORMATION;
-        let inverse = &eigen.eigenvectors
-            * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.max(floor)))
-            * eigen.eigenvectors.transpose();
-        let scaled = &inverse * gram(&seen) * &inverse;
-        let variance = ROUNDING_COUNTS * ROUNDING_COUNTS;
-        let covariance = DMatrix::from_fn(count, count, |i, j| variance * scaled[(i, j)] / (scale[i] * scale[j]));
+        let information = gram(&settled);
+        // A model that blows up tells nothing.
+        let finite = information.iter().all(|value| value.is_finite());
+        let covariance = if finite {
+            let eigen = information.symmetric_eigen();
+            let floor = eigen.eigenvalues.max().max(f64::MIN_POSITIVE) * LEAST_INFORMATION;
+            let inverse = &eigen.eigenvectors
+                * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.max(floor)))
+                * eigen.eigenvectors.transpose();
+            let scaled = &inverse * gram(&seen) * &inverse;
+            let variance = ROUNDING_COUNTS * ROUNDING_COUNTS;
+            DMatrix::from_fn(count, count, |i, j| {
+                let value = variance * scaled[(i, j)] / (scale[i] * scale[j]);
+                let known = value.is_finite() && value.abs() < UNKNOWN;
+                if known {
+                    value
+                } else if i == j {
+                    UNKNOWN
+                } else {
+                    0.0
+                }
+            })
+        } else {
+            DMatrix::from_diagonal_element(count, count, UNKNOWN)
+        };
 
         let peak = |of: &dyn Fn(usize) -> Vec<f64>| {
             std::array::from_fn(|joint| of(joint).into_iter().fold(0.0, |peak: f64, value| peak.max(value.abs())))
