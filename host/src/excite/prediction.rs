@@ -1,7 +1,6 @@
 //! How well a movement would determine the parameters, before it is made.
 
 use nalgebra::DMatrix;
-use shared::replay::{CORRECTION_DAMPING, CORRECTION_HZ};
 
 use crate::identify::{Experiment, Parameter, Residual, Values};
 use crate::robot::Robot;
@@ -29,9 +28,9 @@ pub struct Prediction {
 impl Prediction {
     /// Foresees movements given by their `references_rad`, evaluated together.
     ///
-    /// The estimator is least squares on innovations ν = Hn whose only noise n is the rounding of the encoder, white,
-    /// 1/√12 counts; H is the state correction, which follows slow noise. Hence (JᵀJ)⁻¹ JᵀHHᵀJ (JᵀJ)⁻¹ σ², with the
-    /// exact sensitivities J of the innovations.
+    /// The estimator is least squares on innovations whose noise is the rounding of the encoder, taken as white,
+    /// 1/√12 counts: σ²(JᵀJ)⁻¹ with their exact sensitivities J. In truth the state correction takes its slow part away,
+    /// and near a reversal, where a count lasts long, it is not white; the two about cancel.
     pub fn new(robot: &Robot, values: &Values, free: &[Parameter], references_rad: &[Vec<[f64; 2]>]) -> Self {
         let experiment = Experiment::foreseen(robot, values, references_rad);
         let joints = robot.joints.len();
@@ -48,11 +47,6 @@ impl Prediction {
                     .collect()
             })
             .collect();
-        let seen: Vec<Vec<Vec<f64>>> = settled
-            .iter()
-            .map(|column| column.iter().map(|series| corrected_backwards(series, robot.record_period_s)).collect())
-            .collect();
-
         let count = free.len();
         let scale: Vec<f64> =
             (0..count).map(|i| inner(&settled[i], &settled[i]).sqrt().max(f64::MIN_POSITIVE)).collect();
@@ -76,10 +70,9 @@ impl Prediction {
             let inverse = &eigen.eigenvectors
                 * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.max(floor)))
                 * eigen.eigenvectors.transpose();
-            let scaled = &inverse * gram(&seen) * &inverse;
             let variance = ROUNDING_COUNTS * ROUNDING_COUNTS;
             DMatrix::from_fn(count, count, |i, j| {
-                let value = variance * scaled[(i, j)] / (scale[i] * scale[j]);
+                let value = variance * inverse[(i, j)] / (scale[i] * scale[j]);
                 let known = value.is_finite() && value.abs() < UNKNOWN;
                 if known {
                     value
@@ -114,24 +107,4 @@ impl Prediction {
 
 fn inner(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>()).sum()
-}
-
-/// Hᵀ of a series: the state correction run from its end to its start.
-fn corrected_backwards(series: &[f64], period_s: f64) -> Vec<f64> {
-    let omega = std::f64::consts::TAU * CORRECTION_HZ;
-    let position_gain = 2.0 * CORRECTION_DAMPING * omega * period_s;
-    let velocity_gain = omega * omega * period_s;
-    let (mut position, mut velocity) = (0.0, 0.0);
-    let mut corrected: Vec<f64> = series
-        .iter()
-        .rev()
-        .map(|value| {
-            let innovation = value - position;
-            velocity += velocity_gain * innovation;
-            position += position_gain * innovation + velocity * period_s;
-            innovation
-        })
-        .collect();
-    corrected.reverse();
-    corrected
 }
