@@ -196,7 +196,7 @@ fn a_recording_may_start_in_the_middle_of_the_movement() {
 fn stretches_at_a_limit_of_the_amplifier_are_cut() {
     let mut weak = truth();
     let peak_a = clean()[0].command_a[0].iter().fold(0.0_f64, |peak, current| peak.max(current.abs()));
-    weak.drives[0].current_limit_a = 0.8 * peak_a;
+    weak.drives[0].current_limit_a = 0.9 * peak_a;
     let mut recordings = recorded(&weak, RunSettings { seed: SEED, ..RunSettings::default() });
     // The board does not know: it records what it sent.
     let gain = weak.drives[0].position_gain_a_per_count;
