@@ -354,7 +354,8 @@ pub fn design(
     margins.verdict().map_err(ExciteError::Limits)?;
     let prediction = problem.predict(&[&trajectory]);
     let loop_margins = problem.loop_margins(&prediction);
-    if let Some(broken) = loop_margins.iter().find(|margin| !(margin.peak <= USED_SHARE * margin.limit)) {
+    let broken = |margin: &&LoopMargin| margin.peak.is_nan() || margin.peak > USED_SHARE * margin.limit;
+    if let Some(broken) = loop_margins.iter().find(broken) {
         return Err(ExciteError::Infeasible {
             joint: broken.joint.clone(),
             quantity: broken.quantity,
@@ -375,7 +376,7 @@ pub fn design(
         let angles = references.iter().map(|pair| pair[joint]);
         let travel_counts =
             (angles.clone().fold(f64::MIN, f64::max) - angles.fold(f64::MAX, f64::min)) * counts_per_rad.abs();
-        if !(travel_counts >= LEAST_TRAVEL_COUNTS) {
+        if travel_counts < LEAST_TRAVEL_COUNTS {
             return Err(ExciteError::NoTravel {
                 joint: robot.joints[joint].name.clone(),
                 travel_counts,

@@ -41,6 +41,22 @@ fn read(recordings: &[simulator::Recording]) -> Vec<Recording> {
     recordings.iter().map(read).collect()
 }
 
+/// Only the samples in `range`, ticks from 0.
+fn part(mut recording: Recording, range: std::ops::Range<usize>) -> Recording {
+    let groups = [
+        Some(&mut recording.reference_counts),
+        Some(&mut recording.error_counts),
+        Some(&mut recording.current_a),
+        recording.command_a.as_mut(),
+    ];
+    for column in groups.into_iter().flatten().flatten() {
+        column.truncate(range.end);
+        column.drain(..range.start);
+    }
+    recording.tick.truncate(range.len());
+    recording
+}
+
 fn options() -> Options {
     Options { friction: FrictionMode::Identify, seed: 1, ..Options::default() }
 }
@@ -165,19 +181,9 @@ fn a_current_offset_is_told_and_its_cause_found() {
 fn a_recording_may_start_in_the_middle_of_the_movement() {
     let started: Vec<Recording> = read(&clean())
         .into_iter()
-        .map(|mut recording| {
-            let skip = 900;
-            let groups = [
-                Some(&mut recording.reference_counts),
-                Some(&mut recording.error_counts),
-                Some(&mut recording.current_a),
-                recording.command_a.as_mut(),
-            ];
-            for column in groups.into_iter().flatten().flatten() {
-                column.drain(..skip);
-            }
-            recording.tick.truncate(recording.reference_counts[0].len());
-            recording
+        .map(|recording| {
+            let samples = recording.samples();
+            part(recording, 900..samples)
         })
         .collect();
     let with = excess(&found(&started, &options()).expect("an identification"));
@@ -190,7 +196,7 @@ fn a_recording_may_start_in_the_middle_of_the_movement() {
 fn stretches_at_a_limit_of_the_amplifier_are_cut() {
     let mut weak = truth();
     let peak_a = clean()[0].command_a[0].iter().fold(0.0_f64, |peak, current| peak.max(current.abs()));
-    weak.drives[0].current_limit_a = 0.8 * peak_a;
+    weak.drives[0].current_limit_a = 0.9 * peak_a;
     let mut recordings = recorded(&weak, RunSettings { seed: SEED, ..RunSettings::default() });
     // The board does not know: it records what it sent.
     let gain = weak.drives[0].position_gain_a_per_count;
@@ -230,16 +236,7 @@ fn what_led_to_a_fault_is_cut() {
     let mut recordings = read(&clean());
     for recording in &mut recordings {
         let samples = 4000;
-        let groups = [
-            Some(&mut recording.reference_counts),
-            Some(&mut recording.error_counts),
-            Some(&mut recording.current_a),
-            recording.command_a.as_mut(),
-        ];
-        for column in groups.into_iter().flatten().flatten() {
-            column.truncate(samples);
-        }
-        recording.tick.truncate(samples);
+        *recording = part(recording.clone(), 0..samples);
         // An obstacle slows joint 2 more and more.
         for row in samples - 140..samples {
             let lag = (row + 140 - samples) as f64;
@@ -268,19 +265,8 @@ fn what_led_to_a_fault_is_cut() {
 /// What cannot be used at all is refused with what was left out and why.
 #[test]
 fn a_recording_without_a_sound_stretch_is_refused() {
-    let mut recordings = read(&against_a_stop());
-    recordings.truncate(1);
-    for column in recordings[0].reference_counts.iter_mut().chain(&mut recordings[0].error_counts) {
-        column.drain(..1400);
-        column.truncate(700);
-    }
-    for columns in [&mut recordings[0].current_a].into_iter().chain(recordings[0].command_a.as_mut()) {
-        for column in columns {
-            column.drain(..1400);
-            column.truncate(700);
-        }
-    }
-    recordings[0].tick.truncate(700);
+    let recordings: Vec<Recording> =
+        read(&against_a_stop()).into_iter().take(1).map(|recording| part(recording, 1400..2100)).collect();
     let error = found(&recordings, &options()).expect_err("nothing to identify from").to_string();
     assert!(error.contains("joint 3 stands still") && error.contains("record again"), "{error}");
 }

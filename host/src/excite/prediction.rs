@@ -1,7 +1,6 @@
 //! How well a movement would determine the parameters, before it is made.
 
 use nalgebra::DMatrix;
-use shared::replay::{CORRECTION_DAMPING, CORRECTION_HZ};
 
 use crate::identify::{Experiment, Parameter, Residual, Values};
 use crate::robot::Robot;
@@ -11,6 +10,9 @@ const ROUNDING_COUNTS: f64 = 0.288_675_134_594_812_9;
 
 /// Relative size of the smallest information still told from none.
 const LEAST_INFORMATION: f64 = 1e-14;
+
+/// Variance of a parameter that leaves no trace at all: finite, so that one can go on computing.
+const UNKNOWN: f64 = 1e30;
 
 /// What a robot would do on a movement, and how well that would determine its parameters.
 #[derive(Clone, Debug)]
@@ -26,9 +28,9 @@ pub struct Prediction {
 impl Prediction {
     /// Foresees movements given by their `references_rad`, evaluated together.
     ///
-    /// The estimator is least squares on innovations ν = Hn whose only noise n is the rounding of the encoder, white,
-    /// 1/√12 counts; H is the state correction, which follows slow noise. Hence (JᵀJ)⁻¹ JᵀHHᵀJ (JᵀJ)⁻¹ σ², with the
-    /// exact sensitivities J of the innovations.
+    /// The estimator is least squares on innovations whose noise is the rounding of the encoder, taken as white,
+    /// 1/√12 counts: σ²(JᵀJ)⁻¹ with their exact sensitivities J. In truth the state correction takes its slow part away,
+    /// and near a reversal, where a count lasts long, it is not white; the two about cancel.
     pub fn new(robot: &Robot, values: &Values, free: &[Parameter], references_rad: &[Vec<[f64; 2]>]) -> Self {
         let experiment = Experiment::foreseen(robot, values, references_rad);
         let joints = robot.joints.len();
@@ -45,11 +47,6 @@ impl Prediction {
                     .collect()
             })
             .collect();
-        let seen: Vec<Vec<Vec<f64>>> = settled
-            .iter()
-            .map(|column| column.iter().map(|series| corrected_backwards(series, robot.record_period_s)).collect())
-            .collect();
-
         let count = free.len();
         let scale: Vec<f64> =
             (0..count).map(|i| inner(&settled[i], &settled[i]).sqrt().max(f64::MIN_POSITIVE)).collect();
@@ -64,14 +61,30 @@ impl Prediction {
             }
             gram
         };
-        let eigen = gram(&settled).symmetric_eigen();
-        let floor = eigen.eigenvalues.max() * LEAST_INFORMATION;
-        let inverse = &eigen.eigenvectors
-            * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.max(floor)))
-            * eigen.eigenvectors.transpose();
-        let scaled = &inverse * gram(&seen) * &inverse;
-        let variance = ROUNDING_COUNTS * ROUNDING_COUNTS;
-        let covariance = DMatrix::from_fn(count, count, |i, j| variance * scaled[(i, j)] / (scale[i] * scale[j]));
+        let information = gram(&settled);
+        // A model that blows up tells nothing.
+        let finite = information.iter().all(|value| value.is_finite());
+        let covariance = if finite {
+            let eigen = information.symmetric_eigen();
+            let floor = eigen.eigenvalues.max().max(f64::MIN_POSITIVE) * LEAST_INFORMATION;
+            let inverse = &eigen.eigenvectors
+                * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.max(floor)))
+                * eigen.eigenvectors.transpose();
+            let variance = ROUNDING_COUNTS * ROUNDING_COUNTS;
+            DMatrix::from_fn(count, count, |i, j| {
+                let value = variance * inverse[(i, j)] / (scale[i] * scale[j]);
+                let known = value.is_finite() && value.abs() < UNKNOWN;
+                if known {
+                    value
+                } else if i == j {
+                    UNKNOWN
+                } else {
+                    0.0
+                }
+            })
+        } else {
+            DMatrix::from_diagonal_element(count, count, UNKNOWN)
+        };
 
         let peak = |of: &dyn Fn(usize) -> Vec<f64>| {
             std::array::from_fn(|joint| of(joint).into_iter().fold(0.0, |peak: f64, value| peak.max(value.abs())))
@@ -94,24 +107,4 @@ impl Prediction {
 
 fn inner(a: &[Vec<f64>], b: &[Vec<f64>]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>()).sum()
-}
-
-/// Hᵀ of a series: the state correction run from its end to its start.
-fn corrected_backwards(series: &[f64], period_s: f64) -> Vec<f64> {
-    let omega = std::f64::consts::TAU * CORRECTION_HZ;
-    let position_gain = 2.0 * CORRECTION_DAMPING * omega * period_s;
-    let velocity_gain = omega * omega * period_s;
-    let (mut position, mut velocity) = (0.0, 0.0);
-    let mut corrected: Vec<f64> = series
-        .iter()
-        .rev()
-        .map(|value| {
-            let innovation = value - position;
-            velocity += velocity_gain * innovation;
-            position += position_gain * innovation + velocity * period_s;
-            innovation
-        })
-        .collect();
-    corrected.reverse();
-    corrected
 }

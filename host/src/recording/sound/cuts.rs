@@ -15,9 +15,10 @@ const RECOVERY_S: f64 = 0.02;
 /// A command this share of the limit is at the limit: the converters' steps are finer.
 const AT_LIMIT: f64 = 0.995;
 
-/// Measured current is beside the commanded one from this on, in A and as a share of the command: far beyond noise.
-const BESIDE_A: f64 = 0.2;
-const BESIDE_SHARE: f64 = 0.06;
+/// Measured current is beside the commanded one from this on, in A and as a share of the command: four times the noise
+/// of a sensor, and the scales of two converters.
+const BESIDE_A: f64 = 0.08;
+const BESIDE_SHARE: f64 = 0.02;
 
 /// A stretch in which it is reaches as far as half of that holds: the edges of a limit are soft.
 const EDGE: f64 = 0.5;
