@@ -458,7 +458,8 @@ mod tests {
         (values[0], found.covariance[(0, 0)].sqrt())
     }
 
-    /// Whatever the memory of the noise, errors over standard errors are about one, rather smaller than larger.
+    /// Whatever the memory of the noise, errors over standard errors are about one. A band that is as wide as the noise's
+    /// own bandwidth sees a little less than what there is at its lowest frequency.
     #[test]
     fn standard_errors_hold_for_white_and_for_slow_noise() {
         let mut random = rand::rngs::StdRng::seed_from_u64(5);
@@ -470,7 +471,7 @@ mod tests {
             });
             let ratio = (ratios.sum::<f64>() / f64::from(trials)).sqrt();
             println!("memory {memory}: error / standard error {ratio:.3}");
-            assert!((0.75..1.08).contains(&ratio), "memory {memory}: {ratio}");
+            assert!((0.75..1.15).contains(&ratio), "memory {memory}: {ratio}");
         }
     }
 
