@@ -32,7 +32,7 @@ const LEAST_WIDTH_SHARE: f64 = 0.12;
 const LEAST_LEVEL: f64 = 0.3;
 
 /// Eigenvalues of the scaled information below this share of the largest are nothing but rounding.
-const ROUNDING: f64 = 1e-14;
+const ROUNDING: f64 = 1e-12;
 
 /// What was fitted, at its minimum.
 pub struct Fitted<'a> {
@@ -190,9 +190,14 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
     let scale = DVector::from_vec(scale);
     let eigen = scaled_information.clone().symmetric_eigen();
     let floor = eigen.eigenvalues.max() * ROUNDING;
-    let inverse = &eigen.eigenvectors
-        * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.max(floor)))
-        * eigen.eigenvectors.transpose();
+    let in_eigenvectors = |of: &dyn Fn(f64) -> f64| {
+        &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(of)) * eigen.eigenvectors.transpose()
+    };
+    let inverse = in_eigenvectors(&|value| if value > floor { 1.0 / value } else { 0.0 });
+    // Directions that nothing determines: A⁻¹ B A⁻¹ would be a quotient of roundings, of any sign.
+    let squares: f64 = fitted.residuals.iter().flatten().map(|value| value * value).sum();
+    let count_of_residuals = fitted.residuals.iter().map(Vec::len).sum::<usize>().max(1) as f64;
+    let open = in_eigenvectors(&|value| if value > floor { 0.0 } else { squares / count_of_residuals / floor });
 
     let spectra = spectra(fitted, &scale);
     let bands = bands(&spectra, &inverse);
@@ -233,7 +238,7 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
     let prior = prior_evidence(fitted, &scale);
 
     let from_spectrum: DMatrix<f64> = by_band.iter().fold(prior.score_covariance.clone(), |sum, band| sum + band);
-    let covariance = &inverse * from_spectrum * &inverse;
+    let covariance = &inverse * from_spectrum * &inverse + &open;
     let from_products = &inverse * (newey_west(fitted, &scale) + &prior.score_covariance) * &inverse;
     let samples: usize = fitted.residuals[..fitted.origins.len()].iter().map(Vec::len).sum();
     let joints = fitted.origins.iter().map(|origin| origin.joint + 1).max().unwrap_or(1);
@@ -473,6 +478,24 @@ mod tests {
             println!("memory {memory}: error / standard error {ratio:.3}");
             assert!((0.75..1.15).contains(&ratio), "memory {memory}: {ratio}");
         }
+    }
+
+    /// Two parameters that do the same: their sum is known, neither of them is.
+    #[test]
+    fn what_nothing_determines_has_a_huge_error() {
+        let column = || vec![(0..500).map(|k| (k as f64 / 30.0).sin()).collect::<Vec<f64>>()];
+        let found = certainty(&Fitted {
+            sensitivities: &[column(), column()],
+            residuals: &vec![(0..500).map(|k| if k % 2 == 0 { 0.3 } else { -0.3 }).collect()],
+            origins: &[Origin { joint: 0, recording: 0 }],
+            recordings: 1,
+            period_s: 1e-3,
+            correlated_samples: 10,
+            prior_variance: 1.0,
+        });
+        let c = &found.covariance;
+        assert!(c[(0, 0)] > 1e6 && c[(1, 1)] > 1e6, "{c}");
+        assert!((c[(0, 0)] + c[(1, 1)] + 2.0 * c[(0, 1)]).abs() < 1e-3 * c[(0, 0)], "{c}");
     }
 
     /// Of a mean over two recordings each tells half; without one, what is left is the mean of the other.
