@@ -3,9 +3,10 @@
 
 use std::path::Path;
 
-use armid::identify::{FrictionMode, Identification, Options, Parameter, Sought, identify};
-use armid::recording::{ReadOptions, Recording};
-use armid::robot::Robot;
+use armid::identify::{FrictionMode, Identification, Options, Parameter, Prior, Sought, identify};
+use armid::prior::gains_from_current;
+use armid::recording::{Manifest, ReadOptions, Recording};
+use armid::robot::{Law, Robot};
 use armid_tests::simulator::{self, Reference, RunSettings, record};
 
 const PERIODS_S: [f64; 2] = [3.65, 5.0];
@@ -56,19 +57,24 @@ fn identified(seed: u64, friction: FrictionMode) -> (simulator::Robot, Identific
     (truth, found)
 }
 
-/// Of 30 robots, each with 13 parameters, the 95 % intervals must cover 88 to 99 % of the true values, and every f
-/// must be within 0.5 % of its reference magnitude (0.005 for the small f3, f5 and f8).
+/// Of 30 robots, each with 13 parameters, the 95 % intervals must cover at least 93 % of the true values without being so
+/// wide that they cover all; the worst f of a robot may be beyond 3 standard errors once; and every f must be within 0.5 %
+/// of its reference magnitude (0.005 for the small f3, f5 and f8).
 #[test]
 fn standard_errors_are_believable_and_every_f_is_near_the_truth() {
-    let (mut covered, mut intervals) = (0, 0);
+    let (mut covered, mut intervals, mut beyond) = (0, 0, 0);
     let mut worst = 0.0_f64;
     for seed in 0..30 {
         let (truth, found) = identified(seed, FrictionMode::Identify);
         assert!(found.not_identifiable.is_empty(), "robot {seed}: {:?}", found.not_identifiable);
         assert!(!found.lack_of_fit, "robot {seed}");
+        let mut worst_f = 0.0_f64;
         for &parameter in &found.free {
             let error = found.values.get(parameter) - truth_of(&truth, parameter);
             let standard_error = found.standard_error(parameter).expect("a sought parameter");
+            if matches!(parameter, Parameter::F(_)) {
+                worst_f = worst_f.max(error.abs() / standard_error);
+            }
             intervals += 1;
             covered += u32::from(error.abs() < 1.96 * standard_error);
             worst = worst.max(error.abs() / standard_error);
@@ -80,13 +86,106 @@ fn standard_errors_are_believable_and_every_f_is_near_the_truth() {
                 assert!(error.abs() < allowed, "robot {seed}: f{} is off by {error:.5}", index + 1);
             }
         }
+        beyond += u32::from(worst_f > 3.0);
     }
     let share = f64::from(covered) / f64::from(intervals);
     println!(
         "95 % intervals cover {:.1} % of {intervals} true values; worst {worst:.2} standard errors",
         100.0 * share
     );
-    assert!((0.88..=0.99).contains(&share), "{share}");
+    assert!((0.93..0.998).contains(&share), "{share}");
+    assert!(beyond <= 1, "{beyond} robots have an f beyond 3 standard errors");
+}
+
+/// The recordings of a robot as another file of it would be read: without measured currents.
+fn without_currents(mut recordings: Vec<Recording>) -> Vec<Recording> {
+    for recording in &mut recordings {
+        for current in &mut recording.current_a {
+            current.fill(0.0);
+        }
+    }
+    recordings
+}
+
+/// The gain of joint 2 is really 3 % lower than the robot file says. Position alone cannot tell that from a lighter arm
+/// with less friction, and that is said; the measured current tells, and so does a prior on a friction.
+#[test]
+fn an_unknown_gain_needs_the_current_or_something_else_that_is_known() {
+    let truth = simulator::Robot::draw(3);
+    let mut robot = robot_file(&truth);
+    let Law::Proportional(position_loop) = &mut robot.joints[0].law else { panic!("a position loop") };
+    position_loop.gain_a_per_count /= 0.97;
+    let recordings = recordings(&truth, &robot, &PERIODS_S, 3);
+    let seek = |recordings: &[Recording], priors: Vec<Prior>| {
+        let options = Options { sought: Sought { gain: true, ..Sought::default() }, priors, ..Options::default() };
+        identify(&robot, recordings, &[], &options, &|_| ()).expect("an identification")
+    };
+    let blind = without_currents(recordings.clone());
+    assert_eq!(gains_from_current(&robot, &blind), []);
+    let found = seek(&blind, Vec::new());
+    assert!(found.weak_directions[0].common_scale.is_some(), "{:?}", found.weak_directions);
+    assert!(found.not_identifiable.contains(&Parameter::F(8)), "{:?}", found.not_identifiable);
+    // The ratio of two gains is no matter of scale.
+    let ratio = found.values.gain[0] / found.values.gain[1];
+    assert!((ratio - 0.97).abs() < 0.003, "{ratio}");
+
+    let coulomb_nm = truth.drives[0].coulomb_friction_nm;
+    let friction = Prior { parameter: Parameter::Coulomb(0), mean: coulomb_nm, standard_deviation: 1e-3 * coulomb_nm };
+    for (recordings, priors) in [(&recordings, gains_from_current(&robot, &recordings)), (&blind, vec![friction])] {
+        let found = seek(recordings, priors);
+        assert!(found.weak_directions.is_empty(), "{:?}", found.weak_directions);
+        for (gain, truth) in found.values.gain.into_iter().zip([0.97, 1.0]) {
+            assert!((gain - truth).abs() < 0.005, "{gain} for {truth}");
+        }
+        let f9 = found.values.f[8] / truth_of(&truth, Parameter::F(8));
+        assert!((f9 - 1.0).abs() < 0.005, "f9 off by a factor {f9}");
+    }
+}
+
+/// One recording at the file's gains, one at two thirds of them, each with its manifest: fitted together they give the
+/// same robot; the ties of an upper arm of known length narrow f3 and f4.
+#[test]
+fn recordings_of_different_gains_are_fitted_together_and_ties_help() {
+    let truth = simulator::Robot::draw(5);
+    let robot = robot_file(&truth);
+    let mut slow = truth.clone();
+    for drive in &mut slow.drives {
+        drive.position_gain_a_per_count *= 2.0 / 3.0;
+    }
+    let mut both = recordings(&truth, &robot, &PERIODS_S[..1], 5);
+    let mut other = recordings(&slow, &robot, &PERIODS_S[1..], 6).remove(0);
+    other.manifest = Some(manifest_of(&slow));
+    both.push(other);
+    let identified = |upper_arm_m| {
+        let options = Options { sought: Sought { upper_arm_m, ..Sought::default() }, ..Options::default() };
+        identify(&robot, &both, &[], &options, &|_| ()).expect("an identification")
+    };
+    let free = identified(None);
+    let tied = identified(Some(robot.upper_arm_m()));
+    for found in [&free, &tied] {
+        assert!(!found.lack_of_fit && found.innovation_rms_counts.iter().all(|&rms| rms < 0.32), "{found:?}");
+        assert_eq!(found.left_out.len(), 2);
+        assert!(found.left_out.iter().flat_map(|left| &left.innovation_rms_counts).all(|&rms| rms < 0.35));
+        for index in 0..9 {
+            let parameter = Parameter::F(index);
+            let error = found.values.get(parameter) - truth_of(&truth, parameter);
+            let standard_error = found.standard_error(parameter).expect("sought or tied");
+            assert!(error.abs() < 4.0 * standard_error, "f{} off by {error} ± {standard_error}", index + 1);
+        }
+    }
+    for index in [2, 3] {
+        let of = |found: &Identification| found.standard_error(Parameter::F(index)).expect("sought or tied");
+        assert!(of(&tied) < 0.5 * of(&free), "f{}: {} {}", index + 1, of(&tied), of(&free));
+        assert_eq!(tied.values.f[index], robot.upper_arm_m() * tied.values.f[index + 2]);
+    }
+}
+
+fn manifest_of(robot: &simulator::Robot) -> Manifest {
+    let joint = |index: usize| {
+        let gain = robot.drives[index].position_gain_a_per_count;
+        format!("[[joint]]\nname = \"{}\"\nposition_gain_a_per_count = {gain}\n", index + 2)
+    };
+    toml::from_str(&format!("mode = \"p\"\n{}{}", joint(0), joint(1))).expect("a manifest")
 }
 
 fn shared_reference(index: usize) -> f64 {

@@ -192,3 +192,60 @@ pub fn repeats(recordings: &[Recording], certainty: &Certainty) -> Vec<Repeats> 
     };
     groups.into_iter().filter(|group| group.len() > 1).map(of_group).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn values() -> Values {
+        Values { f: shared::arm::REFERENCE_F, ..Values::of_robot(&Robot::paper()) }
+    }
+
+    /// A covariance that is small but along one direction.
+    fn open_along(direction: &[f64], tolerances: &[f64]) -> DMatrix<f64> {
+        DMatrix::from_fn(direction.len(), direction.len(), |i, j| {
+            let small = if i == j { (0.1 * tolerances[i]).powi(2) } else { 0.0 };
+            small + direction[i] * direction[j]
+        })
+    }
+
+    #[test]
+    fn the_direction_that_one_movement_leaves_open_is_named() {
+        let free: Vec<Parameter> = (0..9).map(Parameter::F).collect();
+        let tolerances = [0.02; 9];
+        let mut direction = [0.0; 9];
+        [direction[6], direction[7], direction[8]] = [0.47, 0.1, -0.1];
+        let found = weak_directions(&values(), &free, &open_along(&direction, &tolerances), &tolerances);
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].common_scale, None);
+        let sentence = found[0].sentence(&Robot::paper());
+        let signs = ["along (4.700, 1.000, -1.000)", "along (-4.700, -1.000, 1.000)"];
+        assert!(sentence.starts_with("f7, f8, f9 move together"), "{sentence}");
+        assert!(
+            signs.iter().any(|signs| sentence.contains(signs)) && sentence.contains("another period"),
+            "{sentence}"
+        );
+        assert_eq!(weak_directions(&values(), &free, &open_along(&[0.0; 9], &tolerances), &tolerances), []);
+    }
+
+    #[test]
+    fn a_common_scale_is_told_from_other_directions() {
+        let mut free: Vec<Parameter> = (0..9).map(Parameter::F).collect();
+        for joint in 0..2 {
+            free.extend([Parameter::Viscous(joint), Parameter::Coulomb(joint), Parameter::Gain(joint)]);
+        }
+        let values = values();
+        let tolerances: Vec<f64> = values.of(&free).iter().map(|value| 0.02 * value.abs()).collect();
+        let scale: Vec<f64> = values.of(&free).iter().map(|value| 0.3 * value).collect();
+        let found = weak_directions(&values, &free, &open_along(&scale, &tolerances), &tolerances);
+        assert_eq!(found.len(), 1);
+        assert!((found[0].common_scale.unwrap() - 0.3).abs() < 0.01, "{found:?}");
+        let sentence = found[0].sentence(&Robot::paper());
+        assert!(sentence.contains("common factor") && sentence.contains("record the current"), "{sentence}");
+        // The same without the gain of joint 3 is another direction.
+        let mut other = scale;
+        other[14] = 0.0;
+        let found = weak_directions(&values, &free, &open_along(&other, &tolerances), &tolerances);
+        assert_eq!(found[0].common_scale, None);
+    }
+}

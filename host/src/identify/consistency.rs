@@ -90,3 +90,46 @@ fn weakest_direction(arm: &Arm<f64>) -> ([f64; 2], f64) {
     let weakest = if one.0 < other.0 { one } else { other };
     (weakest.1, weakest.2)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reference() -> Values {
+        Values { f: shared::arm::REFERENCE_F, ..Values::of_robot(&Robot::paper()) }
+    }
+
+    fn broken(values: &Values) -> Vec<Bound> {
+        let free: Vec<Parameter> = (0..9).map(Parameter::F).chain([Parameter::Coulomb(1)]).collect();
+        broken_bounds(&Robot::paper(), values, &free)
+    }
+
+    #[test]
+    fn a_real_arm_breaks_nothing() {
+        assert_eq!(broken(&reference()), []);
+        assert_eq!(touched_bounds(&Robot::paper(), &reference()), Vec::<String>::new());
+    }
+
+    /// Each impossible arm breaks bounds that the real arm keeps: they separate the two.
+    #[test]
+    fn every_impossible_arm_breaks_a_bound_that_real_ones_keep() {
+        let free: Vec<Parameter> = (0..9).map(Parameter::F).chain([Parameter::Coulomb(1)]).collect();
+        for (parameter, value) in [
+            (Parameter::F(1), -0.1),
+            (Parameter::F(1), 1.7),
+            (Parameter::F(6), 1.2),
+            (Parameter::F(3), -3.0),
+            (Parameter::Coulomb(1), -0.01),
+        ] {
+            let values = reference().with(&[parameter], &[value]);
+            let bounds = broken(&values);
+            assert!(!bounds.is_empty(), "{parameter:?} = {value}");
+            for bound in bounds {
+                let sum = |values: &Values| -> f64 {
+                    bound.weights.iter().zip(values.of(&free)).map(|(weight, value)| weight * value).sum()
+                };
+                assert!(sum(&values) < bound.least && sum(&reference()) > bound.least, "{parameter:?} = {value}");
+            }
+        }
+    }
+}

@@ -7,7 +7,8 @@
 //!
 //! * From the measured spectrum of the residuals, band by band. In each band the fit has taken out of the residuals what
 //!   it could explain; the power left is divided by the degrees of freedom left (leverages), and the standard errors are
-//!   widened for how few those are, as Student's t is against the normal distribution.
+//!   widened for how few those are, as Student's t is against the normal distribution. The level may change along the
+//!   recording, the shape of the spectrum may not.
 //! * From the products themselves, correlated over a window (Newey & West 1987, Bartlett weights): it needs no steady
 //!   noise, and so sees resonances and noise that comes and goes.
 //!
@@ -27,8 +28,11 @@ const LEAST_FREEDOM: f64 = 16.0;
 const LEAST_WIDTH_HZ: f64 = 0.5;
 const LEAST_WIDTH_SHARE: f64 = 0.12;
 
+/// The least level of a moment, as a share of the whole recording's: a quiet moment is also chance.
+const LEAST_LEVEL: f64 = 0.3;
+
 /// Eigenvalues of the scaled information below this share of the largest are nothing but rounding.
-const ROUNDING: f64 = 1e-14;
+const ROUNDING: f64 = 1e-12;
 
 /// What was fitted, at its minimum.
 pub struct Fitted<'a> {
@@ -154,6 +158,9 @@ struct Spectrum {
     origin: Origin,
     /// Sensitivities by parameter, divided by their scale.
     sensitivities: Vec<Vec<Complex<f64>>>,
+    /// The same times the residual's level of the moment.
+    levelled: Vec<Vec<Complex<f64>>>,
+    /// The residual divided by its level of the moment.
     residual: Vec<Complex<f64>>,
     samples: f64,
     spacing_hz: f64,
@@ -183,9 +190,14 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
     let scale = DVector::from_vec(scale);
     let eigen = scaled_information.clone().symmetric_eigen();
     let floor = eigen.eigenvalues.max() * ROUNDING;
-    let inverse = &eigen.eigenvectors
-        * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.max(floor)))
-        * eigen.eigenvectors.transpose();
+    let in_eigenvectors = |of: &dyn Fn(f64) -> f64| {
+        &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(of)) * eigen.eigenvectors.transpose()
+    };
+    let inverse = in_eigenvectors(&|value| if value > floor { 1.0 / value } else { 0.0 });
+    // Directions that nothing determines: A⁻¹ B A⁻¹ would be a quotient of roundings, of any sign.
+    let squares: f64 = fitted.residuals.iter().flatten().map(|value| value * value).sum();
+    let count_of_residuals = fitted.residuals.iter().map(Vec::len).sum::<usize>().max(1) as f64;
+    let open = in_eigenvectors(&|value| if value > floor { 0.0 } else { squares / count_of_residuals / floor });
 
     let spectra = spectra(fitted, &scale);
     let bands = bands(&spectra, &inverse);
@@ -201,9 +213,9 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
             };
             let weight = spectrum.weight(line) / spectrum.samples * bands[band].level;
             for i in 0..count {
-                let a = spectrum.sensitivities[i][line];
+                let a = spectrum.levelled[i][line];
                 for j in 0..=i {
-                    let b = spectrum.sensitivities[j][line];
+                    let b = spectrum.levelled[j][line];
                     let value = weight * (a.re * b.re + a.im * b.im);
                     by_band[band][(i, j)] += value;
                     evidence.score_covariance[(i, j)] += value;
@@ -226,8 +238,11 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
     let prior = prior_evidence(fitted, &scale);
 
     let from_spectrum: DMatrix<f64> = by_band.iter().fold(prior.score_covariance.clone(), |sum, band| sum + band);
-    let covariance = &inverse * from_spectrum * &inverse;
+    let covariance = &inverse * from_spectrum * &inverse + &open;
     let from_products = &inverse * (newey_west(fitted, &scale) + &prior.score_covariance) * &inverse;
+    let samples: usize = fitted.residuals[..fitted.origins.len()].iter().map(Vec::len).sum();
+    let joints = fitted.origins.iter().map(|origin| origin.joint + 1).max().unwrap_or(1);
+    let window_share = (fitted.correlated_samples * joints) as f64 / samples.max(1) as f64;
     let widened = DVector::from_fn(count, |i, _| {
         let variance = covariance[(i, i)].max(f64::MIN_POSITIVE);
         let spread: f64 = by_band
@@ -236,7 +251,8 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
             .map(|(band, about)| (inverse.row(i) * band * inverse.column(i))[0].powi(2) / about.freedom)
             .sum();
         let freedom = variance * variance / spread.max(f64::MIN_POSITIVE);
-        (variance.sqrt() * student_over_normal(freedom)).max(from_products[(i, i)].max(0.0).sqrt()) / variance.sqrt()
+        let of_products = from_products[(i, i)].max(0.0).sqrt() * bartlett_over_normal(window_share);
+        (variance.sqrt() * student_over_normal(freedom)).max(of_products) / variance.sqrt()
     });
     let widened = DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * widened[i] * widened[j]);
 
@@ -262,6 +278,13 @@ fn student_over_normal(freedom: f64) -> f64 {
     1.0 + 1.21 / freedom + 1.44 / (freedom * freedom)
 }
 
+/// The 97.5 % point of an estimate whose variance is itself estimated with Bartlett weights over this share of the samples,
+/// over that of the normal distribution (Kiefer & Vogelsang 2005).
+fn bartlett_over_normal(share: f64) -> f64 {
+    let b = share.min(1.0);
+    1.0 + (2.9694 * b + 0.4160 * b * b - 0.5324 * b * b * b) / 1.9600
+}
+
 fn inner(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
@@ -280,27 +303,44 @@ fn spectra(fitted: &Fitted, scale: &DVector<f64>) -> Vec<Spectrum> {
             continue;
         }
         let transform = planner.plan_fft_forward(samples);
-        let transformed = |series: &[f64], scale: f64| {
-            let mut input: Vec<f64> = series.iter().map(|value| value / scale).collect();
+        let transformed = |series: &mut dyn Iterator<Item = f64>| {
+            let mut input: Vec<f64> = series.collect();
             let mut lines = transform.make_output_vec();
             // Fails only on wrong buffer lengths, which the planner made itself.
             let _ = transform.process(&mut input, &mut lines);
             lines
         };
+        let residual = &fitted.residuals[index];
+        let level = level(residual, fitted.correlated_samples);
+        let columns = || fitted.sensitivities.iter().map(|column| &column[index]).zip(scale);
         spectra.push(Spectrum {
             origin,
-            residual: transformed(&fitted.residuals[index], 1.0),
-            sensitivities: fitted
-                .sensitivities
-                .iter()
-                .zip(scale)
-                .map(|(column, &scale)| transformed(&column[index], scale))
+            residual: transformed(&mut residual.iter().zip(&level).map(|(value, level)| value / level)),
+            sensitivities: columns()
+                .map(|(column, scale)| transformed(&mut column.iter().map(|v| v / scale)))
+                .collect(),
+            levelled: columns()
+                .map(|(column, scale)| transformed(&mut column.iter().zip(&level).map(|(v, level)| v * level / scale)))
                 .collect(),
             samples: samples as f64,
             spacing_hz: 1.0 / (samples as f64 * fitted.period_s),
         });
     }
     spectra
+}
+
+/// The residual's level of the moment: its root mean square over a window either way. The same torque moves an arm more in
+/// one pose than in another, and a parameter shows most where the arm moves most; a level that is averaged over the whole
+/// recording would miss that the two go together.
+fn level(residual: &[f64], window: usize) -> Vec<f64> {
+    let mut sums = vec![0.0];
+    for value in residual {
+        sums.push(sums[sums.len() - 1] + value * value);
+    }
+    let mean = |from: usize, to: usize| (sums[to] - sums[from]) / (to - from).max(1) as f64;
+    let least = LEAST_LEVEL * mean(0, residual.len()).sqrt();
+    let of = |k: usize| mean(k.saturating_sub(window), (k + window).min(residual.len())).sqrt();
+    (0..residual.len()).map(|k| of(k).max(least).max(f64::MIN_POSITIVE)).collect()
 }
 
 /// Joins lines to bands and measures the residuals' level in each.
@@ -385,4 +425,101 @@ fn newey_west(fitted: &Fitted, scale: &DVector<f64>) -> DMatrix<f64> {
         }
     }
     meat
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+
+    use super::*;
+
+    const SAMPLES: usize = 4000;
+
+    /// A line's two coefficients, with noise that keeps `memory` of itself from sample to sample.
+    fn fit_a_line(random: &mut rand::rngs::StdRng, memory: f64) -> (f64, f64) {
+        let mut noise = 0.0;
+        let noise: Vec<f64> = (0..SAMPLES)
+            .map(|_| {
+                noise = memory * noise + random.random_range(-1.0..1.0);
+                noise
+            })
+            .collect();
+        let slow: Vec<f64> = (0..SAMPLES).map(|k| (k as f64 / 200.0).sin()).collect();
+        // One residual of prior knowledge that knows nothing.
+        let columns = [vec![slow.clone(), vec![0.0]], vec![vec![1.0; SAMPLES], vec![0.0]]];
+        let a = DMatrix::from_fn(2, 2, |i, j| inner(&columns[i][0], &columns[j][0]));
+        let b = DVector::from_fn(2, |i, _| inner(&columns[i][0], &noise));
+        let values = a.try_inverse().unwrap() * b;
+        let residuals: Vec<f64> = (0..SAMPLES).map(|k| values[0] * slow[k] + values[1] - noise[k]).collect();
+        let found = certainty(&Fitted {
+            sensitivities: &columns,
+            residuals: &vec![residuals, vec![0.0]],
+            origins: &[Origin { joint: 0, recording: 0 }],
+            recordings: 1,
+            period_s: 1e-3,
+            correlated_samples: 200,
+            prior_variance: 1.0,
+        });
+        (values[0], found.covariance[(0, 0)].sqrt())
+    }
+
+    /// Whatever the memory of the noise, errors over standard errors are about one. A band that is as wide as the noise's
+    /// own bandwidth sees a little less than what there is at its lowest frequency.
+    #[test]
+    fn standard_errors_hold_for_white_and_for_slow_noise() {
+        let mut random = rand::rngs::StdRng::seed_from_u64(5);
+        for memory in [0.0, 0.9, 0.98] {
+            let trials = 200;
+            let ratios = (0..trials).map(|_| {
+                let (error, stated) = fit_a_line(&mut random, memory);
+                (error / stated).powi(2)
+            });
+            let ratio = (ratios.sum::<f64>() / f64::from(trials)).sqrt();
+            println!("memory {memory}: error / standard error {ratio:.3}");
+            assert!((0.75..1.15).contains(&ratio), "memory {memory}: {ratio}");
+        }
+    }
+
+    /// Two parameters that do the same: their sum is known, neither of them is.
+    #[test]
+    fn what_nothing_determines_has_a_huge_error() {
+        let column = || vec![(0..500).map(|k| (k as f64 / 30.0).sin()).collect::<Vec<f64>>()];
+        let found = certainty(&Fitted {
+            sensitivities: &[column(), column()],
+            residuals: &vec![(0..500).map(|k| if k % 2 == 0 { 0.3 } else { -0.3 }).collect()],
+            origins: &[Origin { joint: 0, recording: 0 }],
+            recordings: 1,
+            period_s: 1e-3,
+            correlated_samples: 10,
+            prior_variance: 1.0,
+        });
+        let c = &found.covariance;
+        assert!(c[(0, 0)] > 1e6 && c[(1, 1)] > 1e6, "{c}");
+        assert!((c[(0, 0)] + c[(1, 1)] + 2.0 * c[(0, 1)]).abs() < 1e-3 * c[(0, 0)], "{c}");
+    }
+
+    /// Of a mean over two recordings each tells half; without one, what is left is the mean of the other.
+    #[test]
+    fn recordings_are_told_apart() {
+        let sensitivities = [vec![vec![1.0; 100], vec![1.0; 300]]];
+        let (first, second) = (2.0, 6.0);
+        let mean = 0.25 * first + 0.75 * second;
+        let wave = |k: usize| if k % 2 == 0 { 0.1 } else { -0.1 };
+        let residuals = vec![
+            (0..100).map(|k| mean - first + wave(k)).collect::<Vec<f64>>(),
+            (0..300).map(|k| mean - second + wave(k)).collect(),
+        ];
+        let found = certainty(&Fitted {
+            sensitivities: &sensitivities,
+            residuals: &residuals,
+            origins: &[0, 1].map(|recording| Origin { joint: 0, recording }),
+            recordings: 2,
+            period_s: 1e-3,
+            correlated_samples: 10,
+            prior_variance: 1.0,
+        });
+        assert!((mean + found.change_without(0)[0] - second).abs() < 1e-9);
+        assert!((mean + found.change_without(1)[0] - first).abs() < 1e-9);
+        assert!((mean + found.alone(1).0[0] - second).abs() < 1e-9);
+    }
 }

@@ -15,7 +15,10 @@ const PER_LINK: usize = 5;
 const UNKNOWNS: usize = 2 * PER_LINK;
 
 /// Tangents after which a solution that still moves is taken.
-const ROUNDS: usize = 30;
+const ROUNDS: usize = 100;
+
+/// Relative change of the cost at which the tangents stay.
+const CONVERGED: f64 = 1e-7;
 
 /// The nearest f within bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,17 +40,25 @@ pub fn nearest(bounds: &ArmBounds, f: &[f64; PARAMETERS], information: &DMatrix<
     let linear = -(map.transpose() * &weight * &target);
     let (rows, cones) = constraints(bounds);
     let mut best = minimise(&quadratic, &linear, &rows, &cones)?;
-    for _ in 0..ROUNDS {
-        if (0..2).all(|link| own_inertia(&best, link) <= bounds.links[link].inertia_kg_m2[1] * (1.0 + 1e-7) + 1e-9) {
-            break;
+    let within = |solution: &[f64]| {
+        let most = |link: usize| bounds.links[link].inertia_kg_m2[1];
+        (0..2).all(|link| own_inertia(solution, link) <= most(link) * (1.0 + 1e-7) + 1e-9)
+    };
+    // Without tangents it is the best of all; with them, the best once they stay.
+    if !within(&best) {
+        let mut before = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let tangents = (0..2).map(|link| tangent(bounds, &best, link));
+            let rows: Vec<Row> = rows.iter().cloned().chain(tangents).collect();
+            // Where the tangents leave nothing, those at the links that have most room do, if anything does.
+            best = minimise(&quadratic, &linear, &rows, &cones).unwrap_or_else(|| roomiest(bounds));
+            let at = DVector::from_column_slice(&best);
+            let cost = 0.5 * at.dot(&(&quadratic * &at)) + linear.dot(&at) + 0.5 * target.dot(&(&weight * &target));
+            if (before - cost).abs() <= CONVERGED * cost.abs() {
+                break;
+            }
+            before = cost;
         }
-        let tangents = (0..2).map(|link| tangent(bounds, &best, link));
-        let rows: Vec<Row> = rows.iter().cloned().chain(tangents).collect();
-        // Where the tangents leave nothing, those at the links that have most room do, if anything does.
-        best = match minimise(&quadratic, &linear, &rows, &cones) {
-            Some(next) => next,
-            None => roomiest(bounds),
-        };
     }
     let found = &map * DVector::from_vec(best);
     let off = &found - &target;

@@ -258,6 +258,10 @@ impl Study {
             "rms_error_f": column(2),
             "rms_standard_error_f": column(3),
             "rms_error_over_standard_error_f": column(4),
+            "mean_error_over_standard_error_f": (0..PARAMETERS).map(|index| {
+                let ratios = self.judged.iter().map(|judged| judged.error(Parameter::F(index)).1);
+                ratios.sum::<f64>() / self.judged.len() as f64
+            }).collect::<Vec<f64>>(),
             "all_f_within_allowed": self.all_near(),
             "share_worst_f_within_3_standard_errors": self.share(|judged| judged.worst_f() <= 3.0),
             "coverage_95": self.coverage(1.96),
