@@ -26,6 +26,9 @@ const EDGE: f64 = 0.5;
 /// Where this share of a recording's current is beside its command, the command is wrong and not the stretch.
 const MOST_BESIDE: f64 = 0.3;
 
+/// A current that is this share of its peak throughout a stretch is at a limit there.
+const FLAT: f64 = 0.95;
+
 /// A motor against a stop stands for at least this long.
 const STANDING_S: f64 = 0.05;
 
@@ -53,18 +56,13 @@ pub fn find(recording: &Recording, robot: &Robot, commands_a: Option<&[Vec<f64>]
                 stretches.push((from..(stretch.end + after).min(range.end), reason));
             };
             let Some(commands) = commands_a.map(|columns| &columns[index]) else { continue };
-            let limit_a = joint.current_limit_a;
-            let at_limit = |k: usize| commands[k].abs() >= AT_LIMIT * limit_a;
-            for stretch in runs(&range, samples(LEAST_S), at_limit) {
-                let reason = format!("the command of joint {} is at the amplifier's limit of {limit_a} A", joint.name);
-                leave_out(stretch, 0, samples(RECOVERY_S), reason);
-            }
+            let mut limit_a = joint.current_limit_a;
             if !robot.current_is_command && robot.loop_ticks_per_record() == 1 {
                 let offset_a = current_offset_a(recording, robot, commands_a.unwrap_or_default(), index).unwrap_or(0.0);
+                let commanded = |k: usize| commands[k.saturating_sub(1).max(range.start)];
+                let measured = |k: usize| recording.current_a[index][k] - offset_a;
                 let beside = |k: usize, share: f64| {
-                    let commanded = commands[k.saturating_sub(1).max(range.start)];
-                    let measured = recording.current_a[index][k] - offset_a;
-                    (measured - commanded).abs() > share * (BESIDE_A + BESIDE_SHARE * commanded.abs())
+                    (measured(k) - commanded(k)).abs() > share * (BESIDE_A + BESIDE_SHARE * commanded(k).abs())
                 };
                 let reaching = |found: Range<usize>| {
                     let first = (range.start..found.start).rev().take_while(|&k| beside(k, EDGE)).last();
@@ -77,14 +75,29 @@ pub fn find(recording: &Recording, robot: &Robot, commands_a: Option<&[Vec<f64>]
                     runs(&range, samples(LEAST_S), |k| beside(k, 1.0)).into_iter().map(reaching).collect();
                 let share = found.iter().map(Range::len).sum::<usize>() as f64 / range.len() as f64;
                 for stretch in found.into_iter().filter(|_| share < MOST_BESIDE) {
-                    let largest = |values: &[f64]| values[stretch.clone()].iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+                    let largest =
+                        |value: &dyn Fn(usize) -> f64| stretch.clone().map(|k| value(k).abs()).fold(0.0, f64::max);
+                    let (flowed_a, asked_a) = (largest(&measured), largest(&commanded));
+                    let mut sizes: Vec<f64> = stretch.clone().map(|k| measured(k).abs()).collect();
+                    let level_a = median(&mut sizes);
+                    if flowed_a < asked_a && level_a > FLAT * flowed_a && level_a > 0.5 * asked_a {
+                        // A flat top: commands just beyond it are cut short too, by too little to stand out.
+                        limit_a = limit_a.min(level_a);
+                    }
                     let reason = format!(
-                        "the current of joint {} does not follow its command ({:.2} A at most where {:.2} A were asked for): \
-                         the amplifier is at a limit that the robot file does not give",
-                        joint.name,
-                        largest(&recording.current_a[index]),
-                        largest(commands)
+                        "the current of joint {} does not follow its command ({flowed_a:.2} A at most where {asked_a:.2} A were \
+                         asked for): the amplifier is at a limit that the robot file does not give",
+                        joint.name
                     );
+                    leave_out(stretch, 0, samples(RECOVERY_S), reason);
+                }
+            }
+            let at_limit = |k: usize| commands[k].abs() >= AT_LIMIT * limit_a;
+            for stretch in runs(&range, 1, at_limit) {
+                // A single tick at the limit of the robot file is followed well enough by the model.
+                if limit_a < joint.current_limit_a || stretch.len() >= samples(LEAST_S) {
+                    let reason =
+                        format!("the command of joint {} is at the amplifier's limit of {limit_a:.2} A", joint.name);
                     leave_out(stretch, 0, samples(RECOVERY_S), reason);
                 }
             }
