@@ -76,6 +76,12 @@ impl Record {
         })
     }
 
+    /// Largest magnitude of the errors in counts.
+    #[must_use]
+    pub fn largest_error_counts(&self) -> i32 {
+        self.error_counts.iter().flatten().map(|error| error.saturating_abs()).max().unwrap_or(0)
+    }
+
     /// Root-mean-square difference of the commands per joint, in A.
     #[must_use]
     pub fn command_gap_a(&self, other: &Self) -> [f64; 2] {
