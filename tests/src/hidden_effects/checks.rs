@@ -30,7 +30,7 @@ fn free_machine() -> Machine {
 }
 
 fn recorded(machine: &Machine, step_s: f64, period_s: f64) -> Record {
-    let settings = Settings { step_s, hold_s: 1.0, ..Settings::quiet(3) };
+    let settings = Settings { step_s: Some(step_s), hold_s: 1.0, ..Settings::quiet(3) };
     record(machine, &Robot::reference(), &Reference::Paper { period_s }, &settings)
 }
 
@@ -72,12 +72,12 @@ fn half_the_step_changes_nothing() {
     let reference = Reference::Paper { period_s: 3.65 };
     for (name, machine) in [("plain", reference_machine()), ("flexible", flexible), ("play", play), ("rough", rough)] {
         let per_rad = machine.joints.map(|part| part.counts_per_rad());
-        let mut coarse = Motion::at_rest(&machine, [0.0; 2], 0.0, STEP_S);
+        let mut coarse = Motion::at_rest(&machine, [0.0; 2], 0.0, machine.step_s());
         let mut fine = coarse.clone();
         let mut largest_counts = 0.0_f64;
         for tick in 0..2857 {
             if tick % 71 == 0 {
-                fine = coarse.clone().with_step(0.5 * STEP_S);
+                fine = coarse.clone().with_step(0.5 * machine.step_s());
             }
             let wanted = reference.counts(&robot, tick, 0, 1);
             let command_a = std::array::from_fn(|joint| {
