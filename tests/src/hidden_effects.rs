@@ -1,7 +1,7 @@
 //! Recordings with something hidden in them, for judging `explain`.
 //!
 //! A second simulator beside [`simulator`](crate::simulator), on the same mechanics but with everything that may be
-//! wrong with a machine. It uses nothing of the crate `shared`: steps of 20 µs by Runge–Kutta, motors apart from their
+//! wrong with a machine. It uses nothing of the crate `shared`: steps of 20 µs (10 µs where teeth meet) by Runge–Kutta, motors apart from their
 //! links where a joint is elastic, friction with located reversals.
 //!
 //! | module | its one job |

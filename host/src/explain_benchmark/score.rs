@@ -170,11 +170,7 @@ pub fn parameters(judged: &[Judged]) -> BTreeMap<(String, String), Parameters> {
             };
             for (name, &value) in &hidden.parameters {
                 let Some(estimate) = named.parameters.get(name) else { continue };
-                let mut error = estimate.value - value;
-                if name.ends_with("angle_rad") && hidden.name == "gravity-spring" {
-                    // A direction: whole turns do not count.
-                    error -= std::f64::consts::TAU * (error / std::f64::consts::TAU).round();
-                }
+                let error = parameter_error(named, &hidden.name, name, estimate.value, value);
                 let entry = table.entry((hidden.name.clone(), name.clone())).or_default();
                 entry.relative_errors.push((error / value).abs());
                 if let Some(standard_error) = estimate.standard_error {
@@ -184,6 +180,20 @@ pub fn parameters(judged: &[Judged]) -> BTreeMap<(String, String), Parameters> {
         }
     }
     table
+}
+
+/// Estimate less truth. The amplitude of a wave has no sign of its own, and a direction no whole turns.
+fn parameter_error(named: &Named, effect: &str, name: &str, estimate: f64, truth: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    if name.starts_with("amplitude") || (effect == "gravity-spring" && name == "torque_nm") {
+        return estimate.abs() - truth.abs();
+    }
+    if effect == "gravity-spring" && name == "angle_rad" {
+        let pulls_back = named.parameters.get("torque_nm").is_some_and(|torque| torque.value < 0.0);
+        let error = estimate + if pulls_back { PI } else { 0.0 } - truth;
+        return error - TAU * (error / TAU).round();
+    }
+    estimate - truth
 }
 
 /// How small an effect is still named.
@@ -315,6 +325,25 @@ mod tests {
         assert_eq!(of(&judged(Kind::Outside, &outside, &[], "unknown")).flagged_unknown.hits, 1);
         let named = of(&judged(Kind::Outside, &outside, &[("backlash", "2", &[])], "partial"));
         assert_eq!((named.flagged_unknown.hits, named.wrong_name.hits), (0, 1));
+    }
+
+    /// A spring of −2 N m at 0.3 rad is one of 2 N m at 0.3 + π.
+    #[test]
+    fn waves_are_compared_whatever_their_sign_and_turns() {
+        let mut case = judged(Kind::Single, &[("gravity-spring", "2")], &[("gravity-spring", "2", &[])], "named");
+        let truth = [("torque_nm", 2.0), ("angle_rad", 0.3 - std::f64::consts::PI)];
+        case.truth.effect[0].parameters = truth.map(|(name, value)| (name.to_owned(), value)).into();
+        let found = [("torque_nm", -2.1, 0.1), ("angle_rad", 0.31, 0.004)];
+        let named = &mut case.answer.verdict.as_mut().expect("a verdict").effects[0];
+        for (name, value, error) in found {
+            let estimate = super::super::answer::Estimate { value, standard_error: Some(error) };
+            named.parameters.insert(name.to_owned(), estimate);
+        }
+        let table = parameters(&[case]);
+        let of = |name: &str| &table[&("gravity-spring".to_owned(), name.to_owned())];
+        assert!((of("torque_nm").relative_errors[0] - 0.05).abs() < 1e-9);
+        assert_eq!(of("torque_nm").covered, Share { hits: 1, of: 1 });
+        assert_eq!(of("angle_rad").covered, Share { hits: 0, of: 1 });
     }
 
     #[test]

@@ -97,7 +97,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn size_line(case: &Case) -> String {
-    let [counts, of_coulomb] = case.sizes(&case.record());
+    let [counts, of_coulomb] = case.sizes();
     let names: Vec<String> = case.injected.iter().map(|effect| format!("{} {}", effect.name, effect.joint)).collect();
     let tier = TIERS.iter().find(|tier| **tier == case.planned.tier).map_or("", |tier| tier.name);
     format!(

@@ -7,6 +7,7 @@
 
 use super::draw::Draw;
 use super::machine::{Contact, Machine, Slip, Transmission, VoltageLimit, Wave};
+use super::run::Record;
 
 /// Names as `explain` must give them.
 pub const NAMES: [&str; 26] = [
@@ -74,6 +75,25 @@ pub struct Peaks {
     pub winding_ohm: f64,
     /// Highest value of `|R i + Ke ω|` in V.
     pub voltage_v: [f64; 2],
+}
+
+impl Peaks {
+    /// What `machine` reached in `records` with windings of `winding_ohm`.
+    #[must_use]
+    pub fn of(machine: &Machine, records: &[Record], winding_ohm: f64) -> Self {
+        let mut peaks = Self { winding_ohm, ..Self::default() };
+        for record in records {
+            for joint in 0..2 {
+                let emf = machine.joints[joint].torque_constant_nm_per_a;
+                for (current_a, speed) in record.true_current_a[joint].iter().zip(&record.motor_speed_rad_s[joint]) {
+                    peaks.current_a[joint] = peaks.current_a[joint].max(current_a.abs());
+                    let voltage_v = (winding_ohm * current_a + emf * speed).abs();
+                    peaks.voltage_v[joint] = peaks.voltage_v[joint].max(voltage_v);
+                }
+            }
+        }
+        peaks
+    }
 }
 
 /// Puts the effect `name` on `joint` (0 or 1) into the machines of all records of a case.

@@ -274,6 +274,14 @@ pub struct Machine {
 }
 
 impl Machine {
+    /// The integration step in s that this machine needs: teeth that meet need half of the usual one.
+    #[must_use]
+    pub fn step_s(&self) -> f64 {
+        let plays =
+            |joint: &Joint| matches!(joint.transmission, Transmission::Elastic { gap_rad, .. } if gap_rad > 0.0);
+        if self.joints.iter().any(plays) { 10e-6 } else { 20e-6 }
+    }
+
     /// Whether a joint has friction that holds it at rest: not where friction builds up over a travel instead.
     #[must_use]
     pub fn sticks(&self, joint: usize) -> bool {

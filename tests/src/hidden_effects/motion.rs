@@ -75,6 +75,13 @@ impl<'a> Motion<'a> {
         Self { machine, values, load_nm: [0.0; 2], time_s, step_s }
     }
 
+    /// The same, from here on in steps of at most `step_s`.
+    #[must_use]
+    pub fn with_step(mut self, step_s: f64) -> Self {
+        self.step_s = step_s;
+        self
+    }
+
     /// Angles of the links in rad.
     #[must_use]
     pub fn angle_rad(&self) -> [f64; 2] {

@@ -232,7 +232,7 @@ pub fn put(machines: &mut [Machine], name: &str, joint: usize, size: f64, draw: 
             Outside::SamplingJitter { joint, deviation_s: 0.25e-3 * size, correlation_s: draw.logarithmic(0.03, 0.2) }
         }
         "outside:warm-motor" => {
-            Outside::WarmMotor { joint, loss_per_a2_s: [0.006, 0.02][joint] * size, cooling_s: draw.between(2.0, 6.0) }
+            Outside::WarmMotor { joint, loss_per_a2_s: [0.002, 0.006][joint] * size, cooling_s: draw.between(2.0, 6.0) }
         }
         "outside:resonant-tool" => Outside::ResonantTool {
             inertia_kg_m2: 0.12 * size,
@@ -245,7 +245,7 @@ pub fn put(machines: &mut [Machine], name: &str, joint: usize, size: f64, draw: 
             centre_rad: [-0.8, 0.75][joint] + draw.between(-0.2, 0.2),
             half_slack_rad: draw.between(0.25, 0.45),
         },
-        "outside:slew-limit" => Outside::SlewLimit { joint, slew_a_per_s: 90.0 / size },
+        "outside:slew-limit" => Outside::SlewLimit { joint, slew_a_per_s: [130.0, 190.0][joint] / size },
         "outside:turning-base" => Outside::TurningBase {
             speed_rad_s: 1.6 * size.sqrt(),
             frequency_hz: draw.between(0.3, 1.1),

@@ -19,8 +19,8 @@ pub struct Settings {
     pub hold_s: f64,
     /// Where the arm stands when holding begins, off the start, in rad.
     pub start_off_rad: [f64; 2],
-    /// Longest integration step in s.
-    pub step_s: f64,
+    /// Longest integration step in s; that of [`Machine::step_s`] if not given.
+    pub step_s: Option<f64>,
     /// Standard deviation of the current measurement in A.
     pub current_noise_a: f64,
     /// Gain of the current measurement; 1 for a right one.
@@ -39,7 +39,7 @@ impl Settings {
             seed,
             hold_s: 2.0,
             start_off_rad: [0.0; 2],
-            step_s: 20e-6,
+            step_s: None,
             current_noise_a: 0.02,
             current_sensor_gain: [1.0; 2],
             current_sensor_zero_a: [0.0; 2],
@@ -74,6 +74,12 @@ impl Record {
         std::array::from_fn(|joint| {
             rms(self.error_counts[joint].iter().zip(&other.error_counts[joint]).map(|(one, two)| f64::from(one - two)))
         })
+    }
+
+    /// Largest magnitude of the errors in counts.
+    #[must_use]
+    pub fn largest_error_counts(&self) -> i32 {
+        self.error_counts.iter().flatten().map(|error| error.saturating_abs()).max().unwrap_or(0)
     }
 
     /// Root-mean-square difference of the commands per joint, in A.
@@ -120,8 +126,9 @@ pub fn record(machine: &Machine, robot: &Robot, reference: &Reference, settings:
     let start_rad = std::array::from_fn(|joint| {
         start_counts[joint] / machine.joints[joint].counts_per_rad() + settings.start_off_rad[joint]
     });
+    let step_s = settings.step_s.unwrap_or_else(|| machine.step_s());
     let held = (settings.hold_s / machine.period_s).round() as usize;
-    let mut motion = Motion::at_rest(machine, start_rad, -(held as f64) * machine.period_s, settings.step_s);
+    let mut motion = Motion::at_rest(machine, start_rad, -(held as f64) * machine.period_s, step_s);
     let mut disturbance = TorqueDisturbance::new(settings.torque_noise, settings.seed);
     let mut measurement = RandomStream::new(settings.seed, Purpose::Current);
     let mut jitter = Jitter::new(machine.outside.as_ref(), machine.period_s, settings.seed);
