@@ -91,7 +91,10 @@ impl<S: Scalar> Amplifier<S> {
         let (_, ripple) = self.ripple_order.mul_add(position_rad, self.ripple_phase).sin_cos();
         let (_, cogging) = self.cogging_order.mul_add(position_rad, self.cogging_phase).sin_cos();
         let factor = self.ripple.mul_add(ripple, position_rad.constant(1.0));
-        MotorAt { torque_constant: self.torque_constant * factor, torque_nm: self.cogging.mul_add(cogging, -self.offset) }
+        MotorAt {
+            torque_constant: self.torque_constant * factor,
+            torque_nm: self.cogging.mul_add(cogging, -self.offset),
+        }
     }
 
     /// The joint torque of a current and a torque beside it, both at the motor.

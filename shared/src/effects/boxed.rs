@@ -29,10 +29,7 @@ pub(super) fn bounded<S: Scalar>(mobility: &Inertia<S>, free: [S; 2], low: [S; 2
     let first = clamp((d12 * free[1] - d22 * free[0]) / determinant, low[0], high[0]);
     let second = clamp(-(d12.mul_add(first, free[1])) * (one / d22), low[1], high[1]);
     let first = clamp(-(d12.mul_add(second, free[0])) * (one / d11), low[0], high[0]);
-    let velocity = [
-        d11.mul_add(first, d12.mul_add(second, free[0])),
-        d12.mul_add(first, d22.mul_add(second, free[1])),
-    ];
+    let velocity = [d11.mul_add(first, d12.mul_add(second, free[0])), d12.mul_add(first, d22.mul_add(second, free[1]))];
     let zero = d11.constant(0.0);
     let inside = [low[0].less(first).and(first.less(high[0])), low[1].less(second).and(second.less(high[1]))];
     Bounded {

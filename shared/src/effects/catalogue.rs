@@ -172,8 +172,10 @@ pub const LIBRARY: &[Entry] = &[
     Entry {
         name: "viscous-friction",
         scope: Scope::Joint,
-        parameters: &[joint!(Size "change_nm_s_per_rad" ["N m s/rad"] viscous_change_nm_s_per_rad -1000.0 ..= 1000.0, 3e-4,
-            "what the viscous friction at the motor differs by", required)],
+        parameters: &[
+            joint!(Size "change_nm_s_per_rad" ["N m s/rad"] viscous_change_nm_s_per_rad -1000.0 ..= 1000.0, 3e-4,
+            "what the viscous friction at the motor differs by", required),
+        ],
         alike: &["back-emf"],
         meaning: "viscous friction differs from the model's",
         left_out: "dependence on temperature",
@@ -190,8 +192,10 @@ pub const LIBRARY: &[Entry] = &[
     Entry {
         name: "asymmetric-viscous-friction",
         scope: Scope::Joint,
-        parameters: &[joint!(Size "difference_nm_s_per_rad" ["N m s/rad"] viscous_asymmetry_nm_s_per_rad -1000.0 ..= 1000.0, 4e-4,
-            "viscous friction of a motor turning forward less that of one turning backward", required)],
+        parameters: &[
+            joint!(Size "difference_nm_s_per_rad" ["N m s/rad"] viscous_asymmetry_nm_s_per_rad -1000.0 ..= 1000.0, 4e-4,
+            "viscous friction of a motor turning forward less that of one turning backward", required),
+        ],
         alike: &[],
         meaning: "viscous friction differs by direction",
         left_out: "which of both directions is the usual one: their mean is the model's viscous friction",
@@ -214,8 +218,11 @@ pub const LIBRARY: &[Entry] = &[
     Entry {
         name: "load-dependent-friction",
         scope: Scope::Joint,
-        parameters: &[joint!(Size "coefficient" ["1"] load_friction_coefficient -1.0 ..= 1.0, 0.05,
-            "Coulomb friction per torque that the gear transmits", required), MOTOR_INERTIA],
+        parameters: &[
+            joint!(Size "coefficient" ["1"] load_friction_coefficient -1.0 ..= 1.0, 0.05,
+            "Coulomb friction per torque that the gear transmits", required),
+            MOTOR_INERTIA,
+        ],
         alike: &[],
         meaning: "Coulomb friction grows with the torque in the gear",
         left_out: "the difference between driving and being driven",
@@ -246,8 +253,10 @@ pub const LIBRARY: &[Entry] = &[
     Entry {
         name: "quadratic-friction",
         scope: Scope::Joint,
-        parameters: &[joint!(Size "coefficient_nm_s2_per_rad2" ["N m s²/rad²"] quadratic_nm_s2_per_rad2 -1000.0 ..= 1000.0, 5e-6,
-            "friction per square of the motor's speed", required)],
+        parameters: &[
+            joint!(Size "coefficient_nm_s2_per_rad2" ["N m s²/rad²"] quadratic_nm_s2_per_rad2 -1000.0 ..= 1000.0, 5e-6,
+            "friction per square of the motor's speed", required),
+        ],
         alike: &["stribeck-friction", "cogging"],
         meaning: "friction grows with the square of the speed",
         left_out: "fluid whose friction depends on direction",
@@ -315,7 +324,7 @@ pub const LIBRARY: &[Entry] = &[
         name: "joint-flexibility",
         scope: Scope::Joint,
         parameters: &[
-            joint!(Size "compliance_rad_per_nm" ["rad/(N m)"] compliance_rad_per_nm 0.0 ..= 1.0, 1e-4,
+            joint!(Size "compliance_rad_per_nm" ["rad/(N m)"] compliance_rad_per_nm 0.0 ..= 1.0, 3e-5,
                 "twist of the shaft per torque, at the joint", required),
             joint!(Shape "damping_s" ["s"] shaft_damping_s 0.0 ..= 0.1, 2e-4, "the shaft's damping over its stiffness"),
             MOTOR_INERTIA,
@@ -338,7 +347,9 @@ pub const LIBRARY: &[Entry] = &[
     Entry {
         name: "current-lag",
         scope: Scope::Joint,
-        parameters: &[joint!(Size "time_constant_s" ["s"] current_lag_s 0.0 ..= 0.05, 3e-4, "time constant of the current", required)],
+        parameters: &[
+            joint!(Size "time_constant_s" ["s"] current_lag_s 0.0 ..= 0.05, 3e-4, "time constant of the current", required),
+        ],
         alike: &[],
         meaning: "the current follows its command late",
         left_out: "overshoot of the current loop",

@@ -57,7 +57,9 @@ impl<S: Scalar> Friction<S> {
     #[inline(always)]
     pub fn slow_level_nm(&self, circumstances: &Circumstances<S>) -> S {
         let (_, wave) = self.position_order.mul_add(circumstances.position_rad, self.position_phase).sin_cos();
-        self.position.mul_add(wave, self.drift.mul_add(circumstances.time_s, self.coulomb))
+        // Before the recording friction has not begun to drift.
+        let time_s = circumstances.time_s.maximum(wave.constant(0.0));
+        self.position.mul_add(wave, self.drift.mul_add(time_s, self.coulomb))
     }
 
     /// The range of dry friction's torque in N m at a joint speed: its low end acts while the joint moves in positive
@@ -67,10 +69,8 @@ impl<S: Scalar> Friction<S> {
         let speed = velocity_rad_s.abs() * self.stribeck_per_speed;
         // x² where sharp, x where not.
         let exponent = speed * self.stribeck_sharpness.mul_add(speed - speed.constant(1.0), speed.constant(1.0));
-        let level = self.stribeck.mul_add(
-            decay(exponent),
-            self.load_coefficient.mul_add(gear_torque_nm.abs(), slow_level_nm),
-        );
+        let level =
+            self.stribeck.mul_add(decay(exponent), self.load_coefficient.mul_add(gear_torque_nm.abs(), slow_level_nm));
         let level = level.maximum(level.constant(0.0));
         (-level - self.coulomb_asymmetry, level - self.coulomb_asymmetry)
     }
@@ -88,7 +88,8 @@ impl<S: Scalar> Friction<S> {
 #[inline(always)]
 fn decay<S: Scalar>(x: S) -> S {
     let y = x * x.constant(1.0 / 16.0);
-    let series = y.mul_add(y.mul_add(y.mul_add(x.constant(1.0 / 6.0), x.constant(0.5)), x.constant(1.0)), x.constant(1.0));
+    let series =
+        y.mul_add(y.mul_add(y.mul_add(x.constant(1.0 / 6.0), x.constant(0.5)), x.constant(1.0)), x.constant(1.0));
     let square = series * series;
     let fourth = square * square;
     let eighth = fourth * fourth;

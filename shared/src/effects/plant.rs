@@ -257,7 +257,8 @@ impl<S: Scalar> ExtendedMachine<S> {
         let pose = Pose::at(middle_link);
         let (mut passed, mut current) = step.pass(&pose, old, old_link);
         if midpoint {
-            let shift = [(passed.motor_velocity[0] - old[0]) * one_half, (passed.motor_velocity[1] - old[1]) * one_half];
+            let shift =
+                [(passed.motor_velocity[0] - old[0]) * one_half, (passed.motor_velocity[1] - old[1]) * one_half];
             let new_link =
                 [passed.motor_velocity[0] - passed.twist_rate[0], passed.motor_velocity[1] - passed.twist_rate[1]];
             let link_shift = [(new_link[0] - old_link[0]) * one_half, (new_link[1] - old_link[1]) * one_half];
@@ -417,10 +418,8 @@ impl<S: Scalar> Machine<S> for ExtendedMachine<S> {
     #[inline(always)]
     fn begun(&self, motion: &Motion<S>, input: [S; 2]) -> Motion<S> {
         let velocity = motion.motor.velocity_rad_s;
-        let current_a = [
-            self.amplifiers[0].target_a(input[0], velocity[0]),
-            self.amplifiers[1].target_a(input[1], velocity[1]),
-        ];
+        let current_a =
+            [self.amplifiers[0].target_a(input[0], velocity[0]), self.amplifiers[1].target_a(input[1], velocity[1])];
         Motion { current_a, ..*motion }
     }
 

@@ -102,17 +102,11 @@ impl<S: Scalar> TwoMass<S> {
     /// One step. Which teeth touch is decided with the friction guessed; all else is exact.
     #[inline(always)]
     pub fn pass(&self, shafts: &[Shaft<S>; 2], period_s: S) -> Passed<S> {
-        let steps = [
-            shafts[0].step(self.inverse_motor[0], period_s),
-            shafts[1].step(self.inverse_motor[1], period_s),
-        ];
+        let steps = [shafts[0].step(self.inverse_motor[0], period_s), shafts[1].step(self.inverse_motor[1], period_s)];
         let [motor2, motor3] = self.inverse_motor;
         let links = self.inverse_link.times(self.link_impulse);
         // By how much motor and link would part in the step, over the weight of its end.
-        let parting = [
-            self.parting(0, &steps[0], links[0]),
-            self.parting(1, &steps[1], links[1]),
-        ];
+        let parting = [self.parting(0, &steps[0], links[0]), self.parting(1, &steps[1], links[1])];
         let give = Inertia {
             d11: steps[0].give + motor2 + self.inverse_link.d11,
             d12: self.inverse_link.d12,
@@ -121,10 +115,8 @@ impl<S: Scalar> TwoMass<S> {
 
         // The teeth take up what part of it the gap does not.
         let stiffness = give.inverse();
-        let guessed = [
-            motor2.mul_add(self.friction_guess[0], parting[0]),
-            motor3.mul_add(self.friction_guess[1], parting[1]),
-        ];
+        let guessed =
+            [motor2.mul_add(self.friction_guess[0], parting[0]), motor3.mul_add(self.friction_guess[1], parting[1])];
         let gap = [steps[0].half_gap, steps[1].half_gap];
         let play = bounded(&stiffness, stiffness.times(guessed), [-gap[0], -gap[1]], gap);
         let taken = [parting[0] + play.impulse[0], parting[1] + play.impulse[1]];
@@ -142,22 +134,21 @@ impl<S: Scalar> TwoMass<S> {
             d22: (-motor3).mul_add(motor3 * stiffness.d22, motor3),
         };
         let friction = bounded(&mobility, free, self.friction_low, self.friction_high);
-        let shaft_impulse = stiffness.times([
-            motor2.mul_add(friction.impulse[0], taken[0]),
-            motor3.mul_add(friction.impulse[1], taken[1]),
-        ]);
+        let shaft_impulse = stiffness
+            .times([motor2.mul_add(friction.impulse[0], taken[0]), motor3.mul_add(friction.impulse[1], taken[1])]);
 
-        let moved = self.inverse_link.times([
-            self.link_impulse[0] + shaft_impulse[0],
-            self.link_impulse[1] + shaft_impulse[1],
-        ]);
+        let moved =
+            self.inverse_link.times([self.link_impulse[0] + shaft_impulse[0], self.link_impulse[1] + shaft_impulse[1]]);
         let rate = [
             friction.velocity[0] - (self.motor_velocity[0] - self.twist_rate[0] + moved[0]),
             friction.velocity[1] - (self.motor_velocity[1] - self.twist_rate[1] + moved[1]),
         ];
         Passed {
             motor_velocity: friction.velocity,
-            twist: [self.twisted(0, &steps[0], rate[0], period_s), self.twisted(1, &steps[1], rate[1], period_s)],
+            twist: [
+                self.twisted(0, &steps[0], play.inside[0], rate[0], period_s),
+                self.twisted(1, &steps[1], play.inside[1], rate[1], period_s),
+            ],
             twist_rate: rate,
             shaft_impulse,
             friction_impulse: friction.impulse,
@@ -171,9 +162,11 @@ impl<S: Scalar> TwoMass<S> {
     }
 
     #[inline(always)]
-    fn twisted(&self, joint: usize, step: &ShaftStep<S>, rate: S, period_s: S) -> S {
+    fn twisted(&self, joint: usize, step: &ShaftStep<S>, in_gap: S::Mask, rate: S, period_s: S) -> S {
         let old = self.twist_rate[joint];
-        period_s.mul_add(step.weight.mul_add(rate - old, old), self.twist[joint])
+        // Inside the gap nothing is stiff: there the midpoint rule, as for the positions.
+        let weight = S::select(in_gap, period_s.constant(0.5), step.weight);
+        period_s.mul_add(weight.mul_add(rate - old, old), self.twist[joint])
     }
 }
 
