@@ -141,7 +141,8 @@ impl<'a> Experiment<'a> {
             measured_counts,
             command_a,
             added_torque_nm,
-            start_s: f64::from(recording.tick[range.start].wrapping_sub(recording.tick[0])) * self.timing.record_period_s,
+            start_s: f64::from(recording.tick[range.start].wrapping_sub(recording.tick[0]))
+                * self.timing.record_period_s,
             start,
         }
     }
