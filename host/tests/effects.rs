@@ -153,13 +153,7 @@ const FLOOR: f64 = 0.288_675;
 fn a_model_with_the_effect_leaves_only_rounding_and_one_without_it_more() {
     let robot = Robot::paper();
     for entry in LIBRARY {
-        let mut effect = typical(entry, "3");
-        // Below what this movement asks for: 2.6 A, and 10 V beside them at speed.
-        match entry.name {
-            "current-saturation" => effect.parameters.insert("limit_a".into(), 1.5),
-            "voltage-saturation" => effect.parameters.insert("supply_v".into(), 30.0),
-            _ => None,
-        };
+        let effect = typical(entry, "3");
         let hidden = HiddenRobot::draw(&robot, SEED).with_effects(&[effect], &robot).unwrap();
         let recording = record(&robot, hidden.clone());
         let experiment = Experiment::new(&robot, std::slice::from_ref(&recording)).unwrap();
@@ -211,7 +205,7 @@ fn commands_take_effects_and_keep_them_in_the_truth() {
     let error = &recording.error_counts[0];
     let jump = |k: usize| error[k] - error[k - 1];
     let greatest = (1..error.len()).max_by(|&a, &b| jump(a).abs().total_cmp(&jump(b).abs())).unwrap();
-    assert_eq!((greatest as f64 * robot.record_period_s - 2.0).abs() < 0.002, true, "{greatest}");
+    assert!((greatest as f64 * robot.record_period_s - 2.0).abs() < 0.002, "{greatest}");
     assert!((jump(greatest).abs() - 40.0).abs() < 20.0, "{}", jump(greatest));
 }
 

@@ -367,7 +367,7 @@ pub const LIBRARY: &[Entry] = &[
         name: "voltage-saturation",
         scope: Scope::Joint,
         parameters: &[
-            joint!(Size "supply_v" ["V"] supply_v 0.1 ..= 1e6, 20.0, "voltage that the amplifier can give", required),
+            joint!(Size "supply_v" ["V"] supply_v 0.1 ..= 1e6, 38.0, "voltage that the amplifier can give", required),
             joint!(Shape "winding_ohm" ["ohm"] winding_ohm 1e-3 ..= 1e4, 1.6, "resistance of the winding"),
         ],
         alike: &["current-saturation"],
