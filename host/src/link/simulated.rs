@@ -142,6 +142,8 @@ impl SimulatedBoard {
 
     /// One loop period: sample, decide, let the arm move.
     fn tick(&mut self) {
+        // A recording's first row is of the tick after the one that begins to run.
+        self.arm.set_recording(matches!(self.board.mode(), Mode::Running(_) | Mode::Stopping(_)));
         let (position_counts, current_a) = (self.arm.position_counts(), self.arm.current_a());
         let inputs = Inputs {
             counts: std::array::from_fn(|joint| {
@@ -162,7 +164,6 @@ impl SimulatedBoard {
         let outputs = self.board.tick(&inputs);
         self.command_code = outputs.command_code;
         self.board.advance_check();
-        self.arm.set_recording(matches!(self.board.mode(), Mode::Running(_) | Mode::Stopping(_)));
         if !outputs.amplifier_enable {
             // The brakes engage when power goes, and hold at once.
             self.amplifiers_on = false;
