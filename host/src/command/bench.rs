@@ -1,5 +1,7 @@
 //! `armid bench`: the figures the documentation quotes, measured anew.
 
+mod certainty;
+mod explain;
 mod paper;
 
 use clap::{Args, Subcommand};
@@ -15,14 +17,20 @@ pub struct Bench {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    /// `explain` and its rivals on recordings with hidden effects.
+    Explain(explain::Explain),
     /// The paper's identification beside ours: objective and scatter over seeds.
     Paper(paper::Paper),
+    /// How near f comes to the truth on robots never seen, and whether its standard errors hold.
+    Certainty(certainty::Certainty),
 }
 
 impl Bench {
     pub fn run(&self) -> Result<(), CommandError> {
         match &self.what {
+            What::Explain(explain) => explain.run(),
             What::Paper(paper) => paper.run(),
+            What::Certainty(certainty) => certainty.run(),
         }
     }
 }

@@ -112,19 +112,21 @@ impl SimulatedArm {
         }
     }
 
-    /// Lets the arm move for `duration_ns`.
-    pub fn advance(&mut self, duration_ns: u64) {
+    /// Lets the arm move for `duration_ns`, with a torque at each motor beside the amplifiers', N m.
+    pub fn advance(&mut self, duration_ns: u64, added_torque_nm: [f64; 2]) {
         match self {
             Self::Plain(arm) => {
                 let steps = duration_ns.div_ceil(LONGEST_STEP_NS);
-                let torque_nm = std::array::from_fn(|joint| arm.drives[joint].motor_torque_nm(arm.current_a[joint]));
+                let torque_nm = std::array::from_fn(|joint| {
+                    arm.drives[joint].motor_torque_nm(arm.current_a[joint]) + added_torque_nm[joint]
+                });
                 for _ in 0..steps {
                     arm.state = arm.plant.step(&arm.state, torque_nm, duration_ns as f64 * 1e-9 / steps as f64);
                 }
             }
             Self::Extended(arm) => {
                 let steps = duration_ns.div_ceil(LONGEST_STEP_WITH_EFFECTS_NS);
-                let held = arm.machine.fresh(arm.input_a, [0.0; 2]);
+                let held = arm.machine.fresh(arm.input_a, added_torque_nm);
                 for _ in 0..steps {
                     arm.motion = arm.machine.step(&arm.motion, &held, duration_ns as f64 * 1e-9 / steps as f64);
                     if !arm.recording {
