@@ -63,6 +63,16 @@ fn every_parameter_is_kept_where_only_it_is() {
 }
 
 #[test]
+fn no_two_effects_share_a_size() {
+    for entry in LIBRARY {
+        let mut effects = Effects::OFF;
+        entry.size().set(&mut effects, 0, entry.size().typical);
+        let on: Vec<&str> = LIBRARY.iter().filter(|other| other.is_on(&effects, 0)).map(|other| other.name).collect();
+        assert_eq!(on, [entry.name]);
+    }
+}
+
+#[test]
 fn effects_alike_are_of_the_library() {
     for entry in LIBRARY {
         for name in entry.alike {
