@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use shared::arm::ArmError;
 use shared::control::GainError;
 
+use crate::effects::EffectError;
+
 /// A file that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{}{}: {problem}; {remedy}", path.display(), line_suffix(*line))]
@@ -105,6 +107,9 @@ pub enum Problem {
         /// The gain and its limit.
         source: GainError,
     },
+    /// An effect cannot be.
+    #[error("[[effect]]: {0}")]
+    Effect(EffectError),
     /// f1..f9 cannot be an arm.
     #[error("f.value: {0}")]
     NotAnArm(ArmError),

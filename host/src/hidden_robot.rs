@@ -1,9 +1,11 @@
 //! Robots that a simulated board is made of: the truth that identification has to find.
 
 use shared::arm::{Arm, REFERENCE_F};
+use shared::effects::Effects;
 use shared::plant::Plant;
 
-use crate::model::Model;
+use crate::effects::{self, EffectError};
+use crate::model::{Effect, Model};
 use crate::random::Random;
 use crate::robot::Robot;
 
@@ -19,6 +21,8 @@ pub struct HiddenRobot {
     pub viscous_nm_s_per_rad: [f64; 2],
     /// Coulomb friction at the motors in N m.
     pub coulomb_nm: [f64; 2],
+    /// Effects beyond these, by name and as the plant takes them.
+    beyond: Option<(Vec<Effect>, Effects<f64>)>,
 }
 
 impl HiddenRobot {
@@ -32,7 +36,12 @@ impl HiddenRobot {
             f[2] = robot.upper_arm_m() * f[4];
             f[3] = robot.upper_arm_m() * f[5];
             let known = Self::known_friction(robot);
-            let hidden = Self { f, viscous_nm_s_per_rad: known[0].map(&mut near), coulomb_nm: known[1].map(&mut near) };
+            let hidden = Self {
+                f,
+                viscous_nm_s_per_rad: known[0].map(&mut near),
+                coulomb_nm: known[1].map(&mut near),
+                beyond: None,
+            };
             // f1 − f2 is the motor's inertia seen through the gear: an arm without it cannot be.
             if hidden.f[0] > hidden.f[1] && hidden.arm(robot).check_inertia().is_ok() {
                 return hidden;
@@ -40,14 +49,32 @@ impl HiddenRobot {
         }
     }
 
-    /// The robot a model file describes.
-    pub fn from_model(model: &Model) -> Self {
+    /// The robot a model file describes, its effects included.
+    pub fn from_model(model: &Model, robot: &Robot) -> Result<Self, EffectError> {
         let pair = |values: &[f64]| std::array::from_fn(|joint| values.get(joint).copied().unwrap_or(0.0));
         Self {
             f: model.f,
             viscous_nm_s_per_rad: pair(&model.viscous_nm_s_per_rad),
             coulomb_nm: pair(&model.coulomb_nm),
+            beyond: None,
         }
+        .with_effects(&model.effects, robot)
+    }
+
+    /// The same robot with further effects.
+    pub fn with_effects(mut self, entries: &[Effect], robot: &Robot) -> Result<Self, EffectError> {
+        let mut all = self.beyond.take().map_or_else(Vec::new, |(entries, _)| entries);
+        all.extend_from_slice(entries);
+        if !all.is_empty() {
+            let effects = effects::from_entries(&all, robot)?;
+            self.beyond = Some((all, effects));
+        }
+        Ok(self)
+    }
+
+    /// The effects it has, if any.
+    pub fn effects(&self) -> Option<&Effects<f64>> {
+        self.beyond.as_ref().map(|(_, effects)| effects)
     }
 
     /// The robot as a model file, with `provenance`.
@@ -59,7 +86,7 @@ impl HiddenRobot {
             viscous_standard_error: None,
             coulomb_nm: self.coulomb_nm.to_vec(),
             coulomb_standard_error: None,
-            effects: Vec::new(),
+            effects: self.beyond.as_ref().map_or_else(Vec::new, |(entries, _)| entries.clone()),
             provenance,
         }
     }
@@ -74,7 +101,7 @@ impl HiddenRobot {
         robot
     }
 
-    /// The plant to simulate, on the drives of `robot`.
+    /// The plant to simulate, on the drives of `robot`; without its effects.
     pub fn plant(&self, robot: &Robot) -> Plant<f64> {
         let drive = |joint: usize| {
             let mut drive = robot.joints[joint].drive();

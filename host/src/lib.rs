@@ -5,6 +5,7 @@
 //! link ── client ── capture                  bytes to a board, requests and movements, movements to recordings
 //! board_setup                                a robot file in the protocol's terms
 //! firmware_image                             what may be flashed to a board
+//! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot                               what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
 //! excite                                     the movement that determines the parameters best
@@ -20,6 +21,7 @@ pub mod capture;
 pub mod client;
 mod convex;
 mod edit_distance;
+pub mod effects;
 pub mod excite;
 pub mod explain_benchmark;
 pub mod file_error;

@@ -8,6 +8,7 @@ use shared::arm::{Arm, PARAMETERS};
 use toml::Spanned;
 
 use crate::atomic;
+use crate::effects;
 use crate::file_error::{FileError, Problem};
 use crate::robot::Robot;
 use crate::toml_text::TomlText;
@@ -154,6 +155,8 @@ fn from_text(text: &TomlText<'_>, robot: &Robot) -> Result<Model, FileError> {
     arm.check_inertia().map_err(|error| {
         text.error(Some(raw.f.value.span().start), Problem::NotAnArm(error), "the board would refuse it as well")
     })?;
+    effects::from_entries(&raw.effect, robot)
+        .map_err(|error| text.error(None, Problem::Effect(error), "correct the [[effect]] entry"))?;
     let joints = robot.joints.len();
     let friction = raw.friction.as_ref();
     let values = |name: &str, values: Option<&Spanned<Vec<f64>>>, known: Vec<Option<f64>>| match values {

@@ -2,8 +2,8 @@
 //!
 //! Friction acts at the motor: viscous plus Coulomb, so a joint feels gear_ratio² and |gear_ratio| times it. The
 //! amplifier is an ideal current source up to its limit (the 12A8 of the paper closes its current loop at 2.5 kHz: a
-//! lag of 64 µs that this model leaves out, as the paper does). Also left out: Stribeck and position-dependent
-//! friction, torque ripple, gear flexibility, backlash.
+//! lag of 64 µs that this model leaves out, as the paper does). Everything else a real drive has is in
+//! [`crate::effects`].
 
 use crate::scalar::Scalar;
 

@@ -6,8 +6,9 @@ use std::str::FromStr;
 
 use armid::board_setup;
 use armid::client::{Client, Pose};
-use armid::link::{self, Address};
-use armid::model::Model;
+use armid::hidden_robot::HiddenRobot;
+use armid::link::{self, Address, SimulatedBoard};
+use armid::model::{Effect, Model};
 use armid::recording::{Manifest, ReadOptions, Recording};
 use armid::robot::Robot;
 use armid::trajectory_file;
@@ -52,6 +53,10 @@ pub struct BoardArguments {
     /// Seed of the simulated board's hidden robot and noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Effect of the simulated board's hidden robot, NAME:joint=JOINT,PARAMETER=VALUE,… (see simulate --help); may be
+    /// repeated
+    #[arg(long = "effect", value_name = "EFFECT")]
+    pub effects: Vec<String>,
     /// Declare the pose the arm has now: joint angles Q2,Q3 in rad
     #[arg(long, value_name = "Q2,Q3", allow_hyphen_values = true)]
     pub pose: Option<JointAngles>,
@@ -79,6 +84,13 @@ impl BoardArguments {
     /// Connects to the board.
     pub fn connect(&self, robot: &Robot) -> Result<Client, CommandError> {
         let address = self.board.clone().unwrap_or(Address::ANY_USB);
+        if !self.effects.is_empty() {
+            if address != Address::Simulated {
+                return Err(CommandError::Usage("--effect is for a simulated board; add --board sim".into()));
+            }
+            let hidden = with_effects(HiddenRobot::draw(robot, self.seed), &self.effects, robot)?;
+            return Ok(Client::connect(Box::new(SimulatedBoard::new(robot, hidden, self.seed)))?);
+        }
         Ok(Client::connect(link::open(&address, robot, self.seed)?)?)
     }
 
@@ -272,6 +284,12 @@ pub fn read_recordings(paths: &[PathBuf], robot: &Robot, allow_gaps: bool) -> Re
     Ok(recordings)
 }
 
+/// A simulated robot with the effects of the command line.
+pub fn with_effects(hidden: HiddenRobot, effects: &[String], robot: &Robot) -> Result<HiddenRobot, CommandError> {
+    let entries: Vec<Effect> = effects.iter().map(|text| armid::effects::parse(text)).collect::<Result<_, _>>()?;
+    Ok(hidden.with_effects(&entries, robot)?)
+}
+
 /// Reads the model file of a robot.
 pub fn read_model(path: &Path, robot: &Robot) -> Result<Model, CommandError> {
     let model = Model::read(path, robot)?;
@@ -279,7 +297,11 @@ pub fn read_model(path: &Path, robot: &Robot) -> Result<Model, CommandError> {
     advise_other_robot(path, identified_on, robot);
     if !model.effects.is_empty() {
         let names: Vec<&str> = model.effects.iter().map(|effect| effect.name.as_str()).collect();
-        advise(format!("{}: effects the board does not use: {}", path.display(), names.join(", ")));
+        advise(format!(
+            "{}: has effects that the board's controller does not use: {}",
+            path.display(),
+            names.join(", ")
+        ));
     }
     Ok(model)
 }

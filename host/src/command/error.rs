@@ -3,6 +3,7 @@
 use armid::board_setup::SetupError;
 use armid::calibrate::CalibrateError;
 use armid::client::{ClientError, SessionError};
+use armid::effects::EffectError;
 use armid::excite::ExciteError;
 use armid::file_error::FileError;
 use armid::identify::IdentifyError;
@@ -27,6 +28,9 @@ pub enum CommandError {
     /// The board.
     #[error(transparent)]
     Session(#[from] SessionError),
+    /// An effect that cannot be.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
     /// A calibration.
     #[error(transparent)]
     Calibrate(#[from] CalibrateError),
@@ -109,7 +113,7 @@ impl CommandError {
             Self::Calibrate(_) | Self::Identify(_) | Self::Incomplete { .. } | Self::Failed(_) | Self::Output(_) => {
                 FAILED
             }
-            Self::Usage(_) => USAGE,
+            Self::Usage(_) | Self::Effect(_) => USAGE,
         }
     }
 }

@@ -12,13 +12,14 @@ use serde_json::json;
 use super::CommandError;
 use super::common::{
     Existing, RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, print, print_json,
-    read_model,
+    read_model, with_effects,
 };
 use super::record::Controller;
 use super::run::Run;
 
 /// Arguments of `simulate`.
 #[derive(Debug, Args)]
+#[command(after_long_help = armid::effects::library_text())]
 pub struct Simulate {
     #[command(flatten)]
     robot: RobotArguments,
@@ -27,6 +28,9 @@ pub struct Simulate {
     /// Model of the robot to simulate; without it, one is drawn from the seed around the reference robot
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Effect that the simulated robot has beyond its model, NAME:joint=JOINT,PARAMETER=VALUE,…; may be repeated
+    #[arg(long = "effect", value_name = "EFFECT")]
+    effects: Vec<String>,
     /// Seed of a drawn robot and of the noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -59,9 +63,10 @@ impl Simulate {
             check_outputs([truth.as_path()], inputs())?;
         }
         let truth = match &self.model {
-            Some(path) => HiddenRobot::from_model(&read_model(path, &robot)?),
+            Some(path) => HiddenRobot::from_model(&read_model(path, &robot)?, &robot)?,
             None => HiddenRobot::draw(&robot, self.seed),
         };
+        let truth = with_effects(truth, &self.effects, &robot)?;
         let truth_model = truth.to_model(toml::Table::from_iter([
             ("tool".to_string(), toml::Value::String(armid::TOOL_VERSION.into())),
             ("what".to_string(), toml::Value::String("the simulated robot itself".into())),
@@ -93,7 +98,7 @@ impl Simulate {
             print_json(&json!({
                 "recording": self.out, "samples": ran.recording.samples(), "seed": self.seed, "max_abs_error_counts": max,
                 "truth": {"f": truth_model.f, "viscous_nm_s_per_rad": truth_model.viscous_nm_s_per_rad,
-                          "coulomb_nm": truth_model.coulomb_nm},
+                          "coulomb_nm": truth_model.coulomb_nm, "effects": truth_model.effects},
             }))?;
         } else {
             let max: Vec<String> = max.iter().map(|max| format!("{max:.0}")).collect();

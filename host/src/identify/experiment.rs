@@ -2,7 +2,7 @@
 
 use shared::control::{Cascade, Law, LawState, PositionLaw, SampledTiming};
 use shared::drive::{centre_of_count, mean_count};
-use shared::plant::State;
+use shared::plant::{Plant, State};
 use shared::replay::{ClosedLoopTick, ReplaySettings};
 
 use super::IdentifyError;
@@ -55,6 +55,8 @@ pub struct Segment {
     pub command_a: Vec<[f64; 2]>,
     /// Known motor torque beside the command in N m.
     pub added_torque_nm: Vec<[f64; 2]>,
+    /// When it begins, in s after the start of the recording.
+    pub start_s: f64,
     pub(super) start: State<f64>,
     /// The laws the recording was made under.
     pub(super) laws: [Law<f64>; 2],
@@ -151,6 +153,8 @@ impl<'a> Experiment<'a> {
             measured_counts,
             command_a,
             added_torque_nm,
+            start_s: f64::from(recording.tick[range.start].wrapping_sub(recording.tick[0]))
+                * self.timing.record_period_s,
             start,
             laws,
             recording: index,
@@ -222,7 +226,7 @@ impl<'a> Experiment<'a> {
         }
     }
 
-    fn simulation(&self, values: &Values) -> Simulation<'_, f64> {
+    fn simulation(&self, values: &Values) -> Simulation<'_, Plant<f64>> {
         Simulation { experiment: self, plant: values.plant(self.robot) }
     }
 

@@ -63,6 +63,7 @@ impl<'a> Experiment<'a> {
             command_a,
             laws,
             recording: index,
+            start_s: 0.0,
             start,
         }
     }

@@ -6,23 +6,23 @@
 //!
 //! Modelled: sampling both encoders at one instant, `fix()`, the command acting its delay after sampling, the
 //! converters' 12 bits and their full scale, noise of the current sensor, brakes that hold while the amplifiers are
-//! off, a flash memory that keeps the parameters and is busy for as long as a real one, power cuts. Left out: the
-//! amplifier's bandwidth, and whatever `explain` looks for.
+//! off, a flash memory that keeps the parameters and is busy for as long as a real one, power cuts, and effects
+//! of the library where the hidden robot has them.
 
+mod arm;
 mod flash;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use shared::board::{Board, DEFAULT_SAMPLES, Inputs, MID_SCALE, Telemetry};
-use shared::drive::Drive;
-use shared::plant::{PreparedPlant, State};
 use shared::protocol::{
-    BoardIdentity, BoardMessage, CurrentScale, Decoder, FrameError, Link as BoardLink, LinkCounters, MAX_FRAME,
+    BoardIdentity, BoardMessage, CurrentScale, Decoder, FrameError, Link as BoardLink, LinkCounters, MAX_FRAME, Mode,
     PROTOCOL_VERSION, PackedSample, Reply, ResetCause, StoreFailure, encode_board_message,
 };
 use shared::storage::Log;
 
+use arm::SimulatedArm;
 pub use flash::{FlashHistory, MemoryFlash, POWER_CUT, complete};
 
 use super::{Link, LinkError};
@@ -42,10 +42,6 @@ pub struct TorqueNoise {
 /// Noise of the current sensor, A rms.
 const CURRENT_NOISE_A: f64 = 0.02;
 
-/// Longest step of the plant: four in a default loop period, so that the simulation is better than the models judged
-/// by it.
-const LONGEST_STEP_NS: u64 = 200_000;
-
 /// Most bytes waiting for the host, as many as a system holds for a serial port that nobody reads; further telemetry is
 /// dropped.
 const OUTPUT_BYTES: usize = 1 << 12;
@@ -57,13 +53,9 @@ const POWER_CUT_NS: u64 = 1_000_000;
 pub struct SimulatedBoard {
     board: Board<Vec<PackedSample>>,
     hidden: HiddenRobot,
-    plant: PreparedPlant<f64>,
-    drives: [Drive<f64>; 2],
+    arm: SimulatedArm,
     current_scale: [CurrentScale; 2],
     command_delay_ns: u64,
-    state: State<f64>,
-    /// Current that flows, in A.
-    current_a: [f64; 2],
     amplifiers_on: bool,
     /// What the board put out at its last tick.
     command_code: [u16; 2],
@@ -99,7 +91,6 @@ impl SimulatedBoard {
     /// A board whose robot is `hidden`, with the drives of `robot`; `seed` makes the noise. The arm rests at zero
     /// angles: upper arm horizontal, forearm up.
     pub fn new(robot: &Robot, hidden: HiddenRobot, seed: u64) -> Self {
-        let plant = hidden.plant(robot);
         let identity = BoardIdentity {
             firmware_version: firmware_version(),
             git_revision: heapless::String::new(),
@@ -113,13 +104,10 @@ impl SimulatedBoard {
         let (log, _) = Log::open(&flash);
         Self {
             board: Board::new(identity, vec![PackedSample::EMPTY; DEFAULT_SAMPLES]),
-            plant: plant.prepare(),
-            drives: plant.drives,
+            arm: SimulatedArm::new(robot, &hidden),
             hidden,
             current_scale: [scale(0), scale(1)],
             command_delay_ns: (robot.command_delay_s * 1e9).round() as u64,
-            state: State::at_rest([0.0; 2]),
-            current_a: [0.0; 2],
             amplifiers_on: false,
             command_code: [MID_SCALE; 2],
             counter_offset: [0; 2],
@@ -235,13 +223,9 @@ impl SimulatedBoard {
 
     /// What the counters show.
     fn counts(&self) -> [i32; 2] {
+        let exact = self.arm.position_counts();
         std::array::from_fn(|joint| {
-            let (drive, position_rad) = (&self.drives[joint], self.state.position_rad[joint]);
-            let counts = if self.equal_cells {
-                (position_rad * drive.counts_per_rad()).ceil()
-            } else {
-                drive.encoder_counts(position_rad)
-            } as i32;
+            let counts = if self.equal_cells { exact[joint].ceil() } else { exact[joint].trunc() } as i32;
             counts.wrapping_add(self.counter_offset[joint])
         })
     }
@@ -249,16 +233,18 @@ impl SimulatedBoard {
     /// The brakes engage when power goes, and hold at once.
     fn switch_off(&mut self) {
         self.amplifiers_on = false;
-        self.current_a = [0.0; 2];
-        self.state.velocity_rad_s = [0.0; 2];
+        self.arm.brake();
     }
 
     /// One loop period: sample, decide, let the arm move.
     fn tick(&mut self) {
+        // A recording's first row is of the tick after the one that begins to run.
+        self.arm.set_recording(matches!(self.board.mode(), Mode::Running(_) | Mode::Stopping(_)));
+        let current_a = self.arm.current_a();
         let inputs = Inputs {
             counts: self.counts(),
             current_code: std::array::from_fn(|joint| {
-                let measured_a = self.current_a[joint] + CURRENT_NOISE_A * self.random.normal();
+                let measured_a = current_a[joint] + CURRENT_NOISE_A * self.random.normal();
                 let scale = &self.current_scale[joint];
                 let code = (measured_a - scale.adc_offset_a) / scale.adc_a_per_code + f64::from(MID_SCALE);
                 code.round().clamp(0.0, 4095.0) as u16
@@ -283,12 +269,10 @@ impl SimulatedBoard {
         } else {
             let delay_ns = if self.amplifiers_on { self.command_delay_ns.min(period_ns) } else { 0 };
             self.amplifiers_on = true;
-            self.advance(delay_ns);
-            self.current_a = std::array::from_fn(|joint| {
-                let limit = self.drives[joint].current_limit_a;
-                self.current_scale[joint].command_a(outputs.command_code[joint]).clamp(-limit, limit)
-            });
-            self.advance(period_ns - delay_ns);
+            self.arm.advance(delay_ns, self.noise_nm);
+            self.arm
+                .command(std::array::from_fn(|joint| self.current_scale[joint].command_a(outputs.command_code[joint])));
+            self.arm.advance(period_ns - delay_ns, self.noise_nm);
         }
         self.time_ns += period_ns;
         match outputs.telemetry {
@@ -324,16 +308,6 @@ impl SimulatedBoard {
                 // The board does not hear of it any more.
                 self.power_fails_ns = Some(until_ns);
             }
-        }
-    }
-
-    /// Lets the arm move for `duration_ns` under the current that flows.
-    fn advance(&mut self, duration_ns: u64) {
-        let steps = duration_ns.div_ceil(LONGEST_STEP_NS);
-        let torque_nm =
-            [0, 1].map(|joint| self.drives[joint].motor_torque_nm(self.current_a[joint]) + self.noise_nm[joint]);
-        for _ in 0..steps {
-            self.state = self.plant.step(&self.state, torque_nm, duration_ns as f64 * 1e-9 / steps as f64);
         }
     }
 

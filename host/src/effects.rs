@@ -1,0 +1,290 @@
+//! Effects by name: from model files and command lines to the plant's numbers, and back.
+
+use std::collections::BTreeMap;
+
+use shared::effects::Effects;
+use shared::effects::catalogue::{self, Entry, LIBRARY, Parameter, Scope};
+
+use crate::edit_distance::nearest;
+use crate::model::Effect;
+use crate::robot::{Kind, Robot};
+
+/// The joint of an effect of the whole arm.
+pub const BOTH_JOINTS: &str = "both";
+
+/// Effects that a single axis, which feels no gravity, cannot have.
+const NOT_ON_SINGLE_AXIS: &[&str] = &["base-tilt"];
+
+/// An effect that cannot be.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum EffectError {
+    /// The name is not in the library.
+    #[error("\"{name}\" is no effect of the library; {remedy}")]
+    UnknownName {
+        /// The name.
+        name: String,
+        /// What may have been meant.
+        remedy: String,
+    },
+    /// The effect has no such parameter.
+    #[error("{effect}: \"{parameter}\" is no parameter of it; {remedy}")]
+    UnknownParameter {
+        /// The effect.
+        effect: &'static str,
+        /// The parameter.
+        parameter: String,
+        /// What may have been meant.
+        remedy: String,
+    },
+    /// A parameter without a usual value is not given.
+    #[error("{effect}: {parameter} is missing: {meaning}, {low} to {high} {unit}")]
+    MissingParameter {
+        /// The effect.
+        effect: &'static str,
+        /// The parameter.
+        parameter: &'static str,
+        /// What it is.
+        meaning: &'static str,
+        /// Its least value.
+        low: f64,
+        /// Its greatest value.
+        high: f64,
+        /// Its unit.
+        unit: &'static str,
+    },
+    /// A parameter is outside its range.
+    #[error("{effect}: {parameter} is {value}, but must be {low} to {high} {unit}: {meaning}")]
+    Range {
+        /// The effect.
+        effect: &'static str,
+        /// The parameter.
+        parameter: &'static str,
+        /// Its value.
+        value: f64,
+        /// Its least value.
+        low: f64,
+        /// Its greatest value.
+        high: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// What it is.
+        meaning: &'static str,
+    },
+    /// The robot has no such joint.
+    #[error("{effect}: the robot has no joint \"{joint}\"; use {choices}")]
+    UnknownJoint {
+        /// The effect.
+        effect: &'static str,
+        /// The joint.
+        joint: String,
+        /// Joints that may be meant.
+        choices: String,
+    },
+    /// The same effect twice.
+    #[error("{effect} of joint {joint} is given twice; give it once, with all its parameters")]
+    Twice {
+        /// The effect.
+        effect: &'static str,
+        /// The joint.
+        joint: String,
+    },
+    /// A robot of this kind cannot have it.
+    #[error("{effect}: a single axis does not feel gravity and has one joint only; leave it out")]
+    NotOnSingleAxis {
+        /// The effect.
+        effect: &'static str,
+    },
+    /// The text on the command line cannot be taken apart.
+    #[error("\"{text}\" is no effect; write NAME:joint=JOINT,PARAMETER=VALUE, such as backlash:joint=3,gap_rad=0.002")]
+    Text {
+        /// The text.
+        text: String,
+    },
+    /// The value of a parameter is no number.
+    #[error("{effect}: {parameter} is \"{value}\", which is no number")]
+    NotANumber {
+        /// The effect.
+        effect: String,
+        /// The parameter.
+        parameter: String,
+        /// The value.
+        value: String,
+    },
+}
+
+/// Every effect of `robot` off.
+pub fn off(robot: &Robot) -> Effects<f64> {
+    match robot.kind {
+        Kind::TwoLink => Effects::OFF,
+        Kind::SingleAxis => Effects::SINGLE_AXIS,
+    }
+}
+
+/// The effects that `entries` describe on `robot`; shape parameters that are not given have their usual values.
+pub fn from_entries(entries: &[Effect], robot: &Robot) -> Result<Effects<f64>, EffectError> {
+    let mut effects = off(robot);
+    for (index, effect) in entries.iter().enumerate() {
+        let entry = find(&effect.name)?;
+        let joint = joint_index(entry, &effect.joint, robot)?;
+        if entries[..index].iter().any(|other| other.name == effect.name && other.joint == effect.joint) {
+            return Err(EffectError::Twice { effect: entry.name, joint: effect.joint.clone() });
+        }
+        for name in effect.parameters.keys() {
+            if entry.parameter(name).is_none_or(|parameter| !exists(entry, parameter, robot)) {
+                return Err(unknown_parameter(entry, name, robot));
+            }
+        }
+        for parameter in entry.parameters {
+            let Parameter { name, range: [low, high], unit, meaning, .. } = *parameter;
+            match effect.parameters.get(name) {
+                Some(&value) if parameter.accepts(value) => parameter.set(&mut effects, joint, value),
+                Some(&value) => {
+                    return Err(EffectError::Range {
+                        effect: entry.name,
+                        parameter: name,
+                        value,
+                        low,
+                        high,
+                        unit,
+                        meaning,
+                    });
+                }
+                None if parameter.required => {
+                    return Err(EffectError::MissingParameter {
+                        effect: entry.name,
+                        parameter: name,
+                        meaning,
+                        low,
+                        high,
+                        unit,
+                    });
+                }
+                None => {}
+            }
+        }
+    }
+    Ok(effects)
+}
+
+/// The effects that are on, as entries of a model file of `robot`, in the library's order.
+pub fn to_entries(effects: &Effects<f64>, robot: &Robot) -> Vec<Effect> {
+    let mut entries = Vec::new();
+    for entry in LIBRARY {
+        let joints: Vec<(usize, &str)> = match entry.scope {
+            Scope::Arm => vec![(0, BOTH_JOINTS)],
+            Scope::Joint => robot.joints.iter().map(|joint| joint.name.as_str()).enumerate().take(2).collect(),
+        };
+        for (index, joint) in joints {
+            if !entry.is_on(effects, index) {
+                continue;
+            }
+            let parameters: BTreeMap<String, f64> = entry
+                .parameters
+                .iter()
+                .filter(|parameter| exists(entry, parameter, robot))
+                .map(|parameter| (parameter.name.to_string(), parameter.get(effects, index)))
+                .collect();
+            entries.push(Effect {
+                name: entry.name.into(),
+                joint: joint.into(),
+                parameters,
+                standard_error: BTreeMap::new(),
+            });
+        }
+    }
+    entries
+}
+
+/// An effect as written on the command line, `NAME:joint=JOINT,PARAMETER=VALUE,…`; checked by [`from_entries`].
+pub fn parse(text: &str) -> Result<Effect, EffectError> {
+    let malformed = || EffectError::Text { text: text.into() };
+    let (name, rest) = text.split_once(':').unwrap_or((text, ""));
+    let entry = find(name.trim())?;
+    let mut effect = Effect {
+        name: entry.name.into(),
+        joint: if entry.scope == Scope::Arm { BOTH_JOINTS.into() } else { String::new() },
+        parameters: BTreeMap::new(),
+        standard_error: BTreeMap::new(),
+    };
+    for part in rest.split(',').filter(|part| !part.trim().is_empty()) {
+        let (key, value) = part.split_once('=').ok_or_else(malformed)?;
+        let (key, value) = (key.trim(), value.trim());
+        if key == "joint" {
+            effect.joint = value.into();
+            continue;
+        }
+        let number = value.parse().map_err(|_| EffectError::NotANumber {
+            effect: name.into(),
+            parameter: key.into(),
+            value: value.into(),
+        })?;
+        if effect.parameters.insert(key.into(), number).is_some() {
+            return Err(malformed());
+        }
+    }
+    Ok(effect)
+}
+
+/// Every effect with its parameters, units and ranges, for a help text.
+pub fn library_text() -> String {
+    let mut text = String::from("Effects (s: size, which is zero or without limit where the effect is off):\n");
+    for entry in LIBRARY {
+        text += &format!("  {}: {}\n", entry.name, entry.meaning);
+        for (index, parameter) in entry.parameters.iter().enumerate() {
+            let Parameter { name, range: [low, high], meaning, .. } = parameter;
+            let usual = if parameter.required { String::new() } else { format!(", else {}", parameter.neutral()) };
+            let size = if index == 0 { "s " } else { "  " };
+            text += &format!("    {size}{name} ({low} to {high}{usual}): {meaning}\n");
+        }
+    }
+    text
+}
+
+fn find(name: &str) -> Result<&'static Entry, EffectError> {
+    catalogue::find(name).ok_or_else(|| EffectError::UnknownName {
+        name: name.into(),
+        remedy: match nearest(name, LIBRARY.iter().map(|entry| entry.name)) {
+            Some(meant) => format!("did you mean {meant}?"),
+            None => format!("it has {}", list(LIBRARY.iter().map(|entry| entry.name))),
+        },
+    })
+}
+
+fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    names.collect::<Vec<_>>().join(", ")
+}
+
+/// Where a payload sits on a single axis does not matter.
+fn exists(entry: &Entry, parameter: &Parameter, robot: &Robot) -> bool {
+    robot.kind == Kind::TwoLink || entry.scope == Scope::Joint || parameter.name == entry.size().name
+}
+
+fn unknown_parameter(entry: &'static Entry, name: &str, robot: &Robot) -> EffectError {
+    let known: Vec<&str> = entry
+        .parameters
+        .iter()
+        .filter(|parameter| exists(entry, parameter, robot))
+        .map(|parameter| parameter.name)
+        .collect();
+    let remedy = match nearest(name, known.iter().copied()) {
+        Some(meant) if meant != name => format!("did you mean {meant}?"),
+        _ => format!("it has {}", known.join(", ")),
+    };
+    EffectError::UnknownParameter { effect: entry.name, parameter: name.into(), remedy }
+}
+
+fn joint_index(entry: &'static Entry, joint: &str, robot: &Robot) -> Result<usize, EffectError> {
+    if robot.kind == Kind::SingleAxis && NOT_ON_SINGLE_AXIS.contains(&entry.name) {
+        return Err(EffectError::NotOnSingleAxis { effect: entry.name });
+    }
+    let unknown = |choices: String| EffectError::UnknownJoint { effect: entry.name, joint: joint.into(), choices };
+    match entry.scope {
+        Scope::Arm if joint == BOTH_JOINTS => Ok(0),
+        Scope::Arm => Err(unknown(format!("\"{BOTH_JOINTS}\": the effect is the whole arm's"))),
+        Scope::Joint => robot
+            .joints
+            .iter()
+            .position(|candidate| candidate.name == joint)
+            .ok_or_else(|| unknown(list(robot.joints.iter().map(|joint| joint.name.as_str())))),
+    }
+}
