@@ -8,7 +8,7 @@
 //! `full` goes the whole way; `paper` is the genetic algorithm alone, over the whole search range.
 
 mod batch;
-mod experiment;
+pub(crate) mod experiment;
 mod least_squares;
 mod linear;
 mod low_pass;
@@ -16,7 +16,7 @@ mod noise;
 mod parameters;
 mod search;
 mod sensitivity;
-mod simulation;
+pub(crate) mod simulation;
 mod stages;
 
 use std::path::PathBuf;

@@ -17,6 +17,7 @@ pub mod calibrate;
 pub mod capture;
 pub mod client;
 mod edit_distance;
+pub mod explain;
 pub mod file_error;
 pub mod firmware_image;
 pub mod hidden_robot;

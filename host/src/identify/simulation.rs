@@ -18,13 +18,13 @@ pub struct Simulation<'a, N> {
 
 impl<N: Scalar> Simulation<'_, N> {
     #[inline(always)]
-    fn pair(&self, values: [f64; 2]) -> [N; 2] {
+    pub(crate) fn pair(&self, values: [f64; 2]) -> [N; 2] {
         let number = self.plant.arm.gravity_m_s2;
         [number.constant(values[0]), number.constant(values[1])]
     }
 
     /// The robot's laws as they are at the first sample of `segment`.
-    fn laws(&self, segment: &Segment) -> [LawState<N>; 2] {
+    pub(crate) fn laws(&self, segment: &Segment) -> [LawState<N>; 2] {
         let number = |value| self.plant.arm.gravity_m_s2.constant(value);
         let law = |joint: usize| {
             let experiment = self.experiment;
@@ -39,7 +39,7 @@ impl<N: Scalar> Simulation<'_, N> {
         [law(0), law(1)]
     }
 
-    fn start(&self, segment: &Segment) -> State<N> {
+    pub(crate) fn start(&self, segment: &Segment) -> State<N> {
         State {
             position_rad: self.pair(segment.start.position_rad),
             velocity_rad_s: self.pair(segment.start.velocity_rad_s),
