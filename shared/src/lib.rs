@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! scalar ── arm ── drive ── plant ── replay       the arm, and a model arm repeating a recording
+//!    │                  effects ──┘              what a real arm has beyond the plain one
 //!    └──── trajectory ── control ── board         references, control laws, the whole board as a state machine
 //!                protocol ──┘                     what travels between board and host
 //!                storage  ──┘                     what the board keeps over a restart
@@ -18,7 +19,9 @@ pub mod board;
 pub mod control;
 pub mod drive;
 pub mod dual;
+pub mod effects;
 pub mod genetic;
+pub mod machine;
 pub mod plant;
 pub mod protocol;
 pub mod replay;

@@ -11,8 +11,9 @@
 //! The model's encoder is never rounded: only its mean effect is kept ([`mean_count`]), so that derivatives exist.
 
 use crate::control::{PositionLaw, SampledTiming};
-use crate::drive::{Drive, mean_count};
-use crate::plant::{Plant, PreparedPlant, State};
+use crate::drive::mean_count;
+use crate::machine::{Machine, PlainMachine};
+use crate::plant::{Plant, State};
 use crate::scalar::Scalar;
 
 /// Bandwidth of the state correction of [`Innovations`] in Hz.
@@ -31,12 +32,10 @@ pub struct ReplaySettings {
     pub substeps: u32,
 }
 
-/// A model with everything that stays constant over a recording.
+/// A machine with everything that stays constant over a recording.
 #[derive(Clone, Copy, Debug)]
-struct Model<S> {
-    plant: PreparedPlant<S>,
-    drives: [Drive<S>; 2],
-    counts_per_rad: [S; 2],
+struct Model<S, M> {
+    machine: M,
     quantised: bool,
     substeps: u32,
     substep_s: S,
@@ -44,52 +43,36 @@ struct Model<S> {
     late_substeps: f64,
 }
 
-impl<S: Scalar> Model<S> {
-    fn new(plant: &Plant<S>, settings: &ReplaySettings) -> Self {
+impl<S: Scalar, M: Machine<S>> Model<S, M> {
+    fn new(machine: M, settings: &ReplaySettings) -> Self {
         let substeps = settings.substeps.max(1);
         let substep_s = settings.timing.record_period_s / f64::from(substeps);
-        let number = |value| plant.arm.gravity_m_s2.constant(value);
         Self {
-            plant: plant.prepare(),
-            drives: plant.drives,
-            counts_per_rad: [plant.drives[0].counts_per_rad(), plant.drives[1].counts_per_rad()],
+            machine,
             quantised: settings.quantised,
             substeps,
-            substep_s: number(substep_s),
+            substep_s: machine.number(substep_s),
             late_substeps: settings.timing.command_delay_s / substep_s,
         }
     }
 
-    #[inline(always)]
-    fn motor_torque_nm(&self, command_a: [S; 2]) -> [S; 2] {
-        [self.drives[0].motor_torque_nm(command_a[0]), self.drives[1].motor_torque_nm(command_a[1])]
-    }
-
     /// What the encoders show on average.
     #[inline(always)]
-    fn counts(&self, state: &State<S>) -> [S; 2] {
-        [self.count(state, 0), self.count(state, 1)]
+    fn counts(&self, motion: &M::Motion) -> [S; 2] {
+        let exact = self.machine.position_counts(motion);
+        if self.quantised { [mean_count(exact[0]), mean_count(exact[1])] } else { exact }
     }
 
-    #[inline(always)]
-    fn count(&self, state: &State<S>, joint: usize) -> S {
-        let exact = state.position_rad[joint] * self.counts_per_rad[joint];
-        if self.quantised { mean_count(exact) } else { exact }
-    }
-
-    /// One record period under a held torque that takes over from `previous` after the command delay. Torques of the
+    /// One record period under a held input that takes over from `previous` after the command delay. Inputs of the
     /// two within one substep are averaged: the velocity is then exact and the position off by under 0.001 count.
     #[inline(always)]
-    fn advance_held(&self, state: &State<S>, previous: [S; 2], torque: [S; 2], added: [S; 2]) -> State<S> {
-        let mut next = *state;
+    fn advance_held(&self, motion: &M::Motion, previous: [S; 2], input: [S; 2], added: [S; 2]) -> M::Motion {
+        let mut next = *motion;
         let mut late = self.late_substeps;
         for _ in 0..self.substeps {
             let share = self.substep_s.constant(late.clamp(0.0, 1.0));
-            let mixed = [
-                share.mul_add(previous[0] - torque[0], torque[0] + added[0]),
-                share.mul_add(previous[1] - torque[1], torque[1] + added[1]),
-            ];
-            next = self.plant.step(&next, mixed, self.substep_s);
+            let held = self.machine.held(share, previous, input, added);
+            next = self.machine.step(&next, &held, self.substep_s);
             late -= 1.0;
         }
         next
@@ -112,11 +95,11 @@ pub struct ClosedLoopTick<S> {
 /// start, and the delay Td = loop period/2 + command delay applied to first order, `e(t − Td) ≈ e − Td ė`. Between two
 /// samples the reference is continued at the speed it had.
 #[derive(Clone, Copy, Debug)]
-pub struct ClosedLoop<S, L> {
-    model: Model<S>,
+pub struct ClosedLoop<S: Scalar, L, M: Machine<S> = PlainMachine<S>> {
+    model: Model<S, M>,
     laws: [L; 2],
-    state: State<S>,
-    previous_torque: [S; 2],
+    motion: M::Motion,
+    previous_input: [S; 2],
     fast: Option<FastLoop<S>>,
     previous_reference: Option<[S; 2]>,
 }
@@ -129,47 +112,72 @@ struct FastLoop<S> {
 }
 
 impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
-    /// Starts at `start`. The laws must be fresh: they remember the tick before.
-    pub fn new(plant: &Plant<S>, mut laws: [L; 2], settings: &ReplaySettings, start: State<S>) -> Self {
+    /// Starts a plain plant at `start`. The laws must be fresh: they remember the tick before.
+    pub fn new(plant: &Plant<S>, laws: [L; 2], settings: &ReplaySettings, start: State<S>) -> Self {
+        Self::of(PlainMachine::new(plant), laws, settings, start)
+    }
+}
+
+impl<S: Scalar, L: PositionLaw<S>, M: Machine<S>> ClosedLoop<S, L, M> {
+    /// Starts `machine` from `motion` ([`Machine::start`]). The laws must be fresh: they remember the tick before.
+    pub fn of(machine: M, mut laws: [L; 2], settings: &ReplaySettings, motion: M::Motion) -> Self {
         let timing = &settings.timing;
-        let number = |value| plant.arm.gravity_m_s2.constant(value);
+        let number = |value| machine.number(value);
         let fast = timing.loop_is_faster_than_recording().then(|| {
             let delay_s = number(0.5 * timing.loop_period_s + timing.command_delay_s);
             let mut late = |joint: usize| delay_s - laws[joint].take_lead() * number(timing.loop_period_s);
             FastLoop { delay_s: [late(0), late(1)], record_period_s: number(timing.record_period_s) }
         });
         Self {
-            model: Model::new(plant, settings),
+            model: Model::new(machine, settings),
             laws,
-            state: start,
-            previous_torque: [number(0.0); 2],
+            motion,
+            previous_input: [number(0.0); 2],
             fast,
             previous_reference: None,
         }
+    }
+
+    /// What moves, as it is at the next sample: its measured current among others, where the machine knows it.
+    #[inline(always)]
+    pub fn motion(&self) -> &M::Motion {
+        &self.motion
     }
 
     /// One record period: the error and command at its start, then the motion to the next. `added_torque_nm` is a
     /// known motor torque beside the controller's, usually zero.
     #[inline(always)]
     pub fn tick(&mut self, reference_counts: [S; 2], added_torque_nm: [S; 2]) -> ClosedLoopTick<S> {
-        let actual = self.model.counts(&self.state);
+        let actual = self.model.counts(&self.motion);
         let error = [reference_counts[0] - actual[0], reference_counts[1] - actual[1]];
         let command = match self.fast {
             Some(fast) => self.advance_fast(&fast, reference_counts, added_torque_nm),
             None => {
                 let command = self.command_a(reference_counts, actual);
-                let torque = self.model.motor_torque_nm(command);
                 if self.previous_reference.is_none() {
-                    // Before the first tick the arm was held: the command of then is that of now.
-                    self.previous_torque = torque;
+                    self.begin(command);
                 }
-                self.state = self.model.advance_held(&self.state, self.previous_torque, torque, added_torque_nm);
-                self.previous_torque = torque;
+                self.advance_held(command, added_torque_nm);
                 command
             }
         };
         self.previous_reference = Some(reference_counts);
         ClosedLoopTick { error_counts: error, command_a: command }
+    }
+
+    /// Before the first tick the arm was held: the command of then is that of now.
+    #[inline(always)]
+    fn begin(&mut self, command_a: [S; 2]) {
+        self.previous_input = self.model.machine.input(command_a);
+        self.motion = self.model.machine.begun(&self.motion, self.previous_input);
+    }
+
+    /// One record period under a command that is held.
+    #[inline(always)]
+    fn advance_held(&mut self, command_a: [S; 2], added_torque_nm: [S; 2]) {
+        let input = self.model.machine.input(command_a);
+        self.motion = self.model.advance_held(&self.motion, self.previous_input, input, added_torque_nm);
+        self.previous_input = input;
     }
 
     #[inline(always)]
@@ -189,21 +197,24 @@ impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
             [0, 1].map(|joint: usize| (reference_counts[joint] - before[joint]) / fast.record_period_s);
         let mut reference = reference_counts;
         let mut first_command = None;
+        let counts_per_rad = self.model.machine.counts_per_rad();
         for _ in 0..self.model.substeps {
-            let actual = self.model.counts(&self.state);
+            let actual = self.model.counts(&self.motion);
+            let velocity = self.model.machine.state(&self.motion).velocity_rad_s;
             // The loop sees the error of Td ago: the reference's and the motor's travel since then come off.
             let seen = [0, 1].map(|joint: usize| {
-                let rate = self.state.velocity_rad_s[joint] * self.model.counts_per_rad[joint];
+                let rate = velocity[joint] * counts_per_rad[joint];
                 actual[joint] + fast.delay_s[joint] * (reference_rate[joint] - rate)
             });
             let command = self.command_a(reference, seen);
-            let torque = self.model.motor_torque_nm(command);
-            let total = [torque[0] + added_torque_nm[0], torque[1] + added_torque_nm[1]];
+            let machine = &self.model.machine;
+            let input = machine.input(command);
+            let held = machine.fresh(input, added_torque_nm);
             let starts = self.previous_reference.is_none() && first_command.is_none();
-            self.state = if starts {
-                self.model.plant.start_symplectic(&self.state, total, substep_s)
+            self.motion = if starts {
+                machine.start_symplectic(&machine.begun(&self.motion, input), &held, substep_s)
             } else {
-                self.model.plant.step_symplectic(&self.state, total, substep_s)
+                machine.step_symplectic(&self.motion, &held, substep_s)
             };
             first_command.get_or_insert(command);
             for joint in 0..2 {
@@ -212,21 +223,12 @@ impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
         }
         first_command.unwrap_or([substep_s.constant(0.0); 2])
     }
-
-    /// Moves the model's state toward a measurement by the innovation, as [`Innovations`] does: for recordings of a
-    /// loop faster than the recording, whose commands between the samples are not known.
-    fn correct(&mut self, innovation_rad: [S; 2], gains: [S; 2]) {
-        for (joint, innovation) in innovation_rad.into_iter().enumerate() {
-            self.state.position_rad[joint] += gains[0] * innovation;
-            self.state.velocity_rad_s[joint] += gains[1] * innovation;
-        }
-    }
 }
 
 /// The model arm under the robot's recorded command, its state corrected by what it did not foresee.
 #[derive(Clone, Copy, Debug)]
-pub struct Innovations<S, L> {
-    closed: ClosedLoop<S, L>,
+pub struct Innovations<S: Scalar, L, M: Machine<S> = PlainMachine<S>> {
+    closed: ClosedLoop<S, L, M>,
     position_gain: S,
     velocity_gain: S,
 }
@@ -245,42 +247,52 @@ pub struct RecordedSample<S> {
 }
 
 impl<S: Scalar, L: PositionLaw<S>> Innovations<S, L> {
-    /// Starts at `start`. `laws` are used only where the loop is faster than the recording.
+    /// Starts a plain plant at `start`. `laws` are used only where the loop is faster than the recording.
     pub fn new(plant: &Plant<S>, laws: [L; 2], settings: &ReplaySettings, start: State<S>) -> Self {
-        let number = |value| plant.arm.gravity_m_s2.constant(value);
+        Self::of(PlainMachine::new(plant), laws, settings, start)
+    }
+}
+
+impl<S: Scalar, L: PositionLaw<S>, M: Machine<S>> Innovations<S, L, M> {
+    /// Starts `machine` from `motion` ([`Machine::start`]). `laws` are used only where the loop is faster than the
+    /// recording.
+    pub fn of(machine: M, laws: [L; 2], settings: &ReplaySettings, motion: M::Motion) -> Self {
         let omega = core::f64::consts::TAU * CORRECTION_HZ;
         let period_s = settings.timing.record_period_s;
         Self {
-            closed: ClosedLoop::new(plant, laws, settings, start),
-            position_gain: number(2.0 * CORRECTION_DAMPING * omega * period_s),
-            velocity_gain: number(omega * omega * period_s),
+            closed: ClosedLoop::of(machine, laws, settings, motion),
+            position_gain: machine.number(2.0 * CORRECTION_DAMPING * omega * period_s),
+            velocity_gain: machine.number(omega * omega * period_s),
         }
+    }
+
+    /// What moves, as it is at the next sample, before that sample's correction.
+    #[inline(always)]
+    pub fn motion(&self) -> &M::Motion {
+        self.closed.motion()
     }
 
     /// The innovation in counts at this sample, measured minus modelled; then the motion to the next.
     #[inline(always)]
     pub fn tick(&mut self, sample: &RecordedSample<S>) -> [S; 2] {
-        let counts_per_rad = self.closed.model.counts_per_rad;
-        let innovation = |joint: usize| {
-            sample.measured_counts[joint] - self.closed.state.position_rad[joint] * counts_per_rad[joint]
-        };
-        let innovation = [innovation(0), innovation(1)];
-        self.closed.correct(
-            [innovation[0] / counts_per_rad[0], innovation[1] / counts_per_rad[1]],
-            [self.position_gain, self.velocity_gain],
+        let machine = &self.closed.model.machine;
+        let counts_per_rad = machine.counts_per_rad();
+        let modelled = machine.position_counts(&self.closed.motion);
+        let innovation = [sample.measured_counts[0] - modelled[0], sample.measured_counts[1] - modelled[1]];
+        let innovation_rad = [innovation[0] / counts_per_rad[0], innovation[1] / counts_per_rad[1]];
+        self.closed.motion = machine.corrected(
+            &self.closed.motion,
+            [self.position_gain * innovation_rad[0], self.position_gain * innovation_rad[1]],
+            [self.velocity_gain * innovation_rad[0], self.velocity_gain * innovation_rad[1]],
         );
         if self.closed.fast.is_some() {
             self.closed.tick(sample.reference_counts, sample.added_torque_nm);
         } else {
-            let closed = &mut self.closed;
-            let torque = closed.model.motor_torque_nm(sample.command_a);
-            if closed.previous_reference.is_none() {
-                closed.previous_torque = torque;
-                closed.previous_reference = Some(sample.reference_counts);
+            if self.closed.previous_reference.is_none() {
+                self.closed.begin(sample.command_a);
+                self.closed.previous_reference = Some(sample.reference_counts);
             }
-            closed.state =
-                closed.model.advance_held(&closed.state, closed.previous_torque, torque, sample.added_torque_nm);
-            closed.previous_torque = torque;
+            self.closed.advance_held(sample.command_a, sample.added_torque_nm);
         }
         innovation
     }

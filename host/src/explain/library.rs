@@ -159,8 +159,8 @@ pub const LIBRARY: [Kind; 26] = [
         name: "stribeck-friction",
         of_arm: false,
         parameters: &[
-            size("stribeck_nm", "N m", joint!(stribeck_nm), 1e-3, ANY),
-            shape("stribeck_velocity_rad_s", "rad/s", joint!(stribeck_velocity_rad_s), 0.05, [0.5, 60.0]),
+            size("extra_nm", "N m", joint!(stribeck_nm), 1e-3, ANY),
+            shape("velocity_rad_s", "rad/s", joint!(stribeck_velocity_rad_s), 0.05, [0.5, 60.0]),
         ],
         search: Search::Proportional(&[&[3.0], &[6.0], &[12.0], &[24.0]]),
         equivalent: &[],
@@ -169,7 +169,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "load-dependent-friction",
         of_arm: false,
-        parameters: &[size("load_friction_coefficient", "", joint!(load_friction_coefficient), 1e-3, [-1.0, 1.0])],
+        parameters: &[size("coefficient", "", joint!(load_friction_coefficient), 1e-3, [-1.0, 1.0])],
         search: Search::Proportional(&[&[]]),
         equivalent: &[],
         phrase: "friction that grows with the load",
@@ -178,9 +178,9 @@ pub const LIBRARY: [Kind; 26] = [
         name: "position-dependent-friction",
         of_arm: false,
         parameters: &[
-            size("position_friction_nm", "N m", joint!(position_friction_nm), 1e-3, ANY),
-            phase("position_friction_phase_rad", joint!(position_friction_phase_rad), false),
-            shape("position_friction_order", "per joint turn", joint!(position_friction_order), 0.01, [0.5, 25.0]),
+            size("amplitude_nm", "N m", joint!(position_friction_nm), 1e-3, ANY),
+            phase("phase_rad", joint!(position_friction_phase_rad), false),
+            shape("order", "per joint turn", joint!(position_friction_order), 0.01, [0.5, 25.0]),
         ],
         search: Search::Wave(Some(&[1.2, 2.0, 2.8, 3.6, 4.4, 5.2, 6.0, 7.5, 9.0, 11.0, 13.0])),
         equivalent: &[],
@@ -189,7 +189,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "friction-drift",
         of_arm: false,
-        parameters: &[size("friction_drift_nm_per_s", "N m/s", joint!(friction_drift_nm_per_s), 1e-4, ANY)],
+        parameters: &[size("rate_nm_per_s", "N m/s", joint!(friction_drift_nm_per_s), 1e-4, ANY)],
         search: Search::Proportional(&[&[]]),
         equivalent: &[],
         phrase: "friction that drifts in time",
@@ -198,7 +198,7 @@ pub const LIBRARY: [Kind; 26] = [
         name: "quadratic-friction",
         of_arm: false,
         parameters: &[size(
-            "quadratic_nm_s2_per_rad2",
+            "coefficient_nm_s2_per_rad2",
             "N m s²/rad²",
             joint!(quadratic_nm_s2_per_rad2),
             1e-7,
@@ -211,7 +211,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "torque-offset",
         of_arm: false,
-        parameters: &[size("torque_offset_nm", "N m", joint!(torque_offset_nm), 1e-3, ANY)],
+        parameters: &[size("torque_nm", "N m", joint!(torque_offset_nm), 1e-3, ANY)],
         search: Search::Proportional(&[&[]]),
         equivalent: &["asymmetric-friction"],
         phrase: "a constant torque",
@@ -219,7 +219,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "torque-constant",
         of_arm: false,
-        parameters: &[size("torque_constant_change", "", joint!(torque_constant_change), 1e-3, [-0.9, 9.0])],
+        parameters: &[size("relative_change", "", joint!(torque_constant_change), 1e-3, [-0.9, 9.0])],
         search: Search::Proportional(&[&[]]),
         equivalent: &[],
         phrase: "a changed torque per ampere",
@@ -228,9 +228,9 @@ pub const LIBRARY: [Kind; 26] = [
         name: "torque-ripple",
         of_arm: false,
         parameters: &[
-            size("ripple_share", "", joint!(ripple_share), 1e-3, [-0.9, 0.9]),
-            phase("ripple_phase_rad", joint!(ripple_phase_rad), true),
-            shape("ripple_order", "per motor turn", joint!(ripple_order), 1e-3, [0.2, 40.0]),
+            size("amplitude", "", joint!(ripple_share), 1e-3, [-0.9, 0.9]),
+            phase("phase_rad", joint!(ripple_phase_rad), true),
+            shape("order", "per motor turn", joint!(ripple_order), 1e-3, [0.2, 40.0]),
         ],
         search: Search::Wave(None),
         equivalent: &[],
@@ -240,9 +240,9 @@ pub const LIBRARY: [Kind; 26] = [
         name: "cogging",
         of_arm: false,
         parameters: &[
-            size("cogging_nm", "N m", joint!(cogging_nm), 1e-3, ANY),
-            phase("cogging_phase_rad", joint!(cogging_phase_rad), true),
-            shape("cogging_order", "per motor turn", joint!(cogging_order), 1e-3, [0.2, 40.0]),
+            size("amplitude_nm", "N m", joint!(cogging_nm), 1e-3, ANY),
+            phase("phase_rad", joint!(cogging_phase_rad), true),
+            shape("order", "per motor turn", joint!(cogging_order), 1e-3, [0.2, 40.0]),
         ],
         search: Search::Wave(None),
         equivalent: &[],
@@ -252,9 +252,9 @@ pub const LIBRARY: [Kind; 26] = [
         name: "transmission-error",
         of_arm: false,
         parameters: &[
-            size("transmission_error_rad", "rad", joint!(transmission_error_rad), 1e-5, ANY),
-            phase("transmission_error_phase_rad", joint!(transmission_error_phase_rad), true),
-            shape("transmission_error_order", "per motor turn", joint!(transmission_error_order), 1e-3, [0.2, 40.0]),
+            size("amplitude_rad", "rad", joint!(transmission_error_rad), 1e-5, ANY),
+            phase("phase_rad", joint!(transmission_error_phase_rad), true),
+            shape("order", "per motor turn", joint!(transmission_error_order), 1e-3, [0.2, 40.0]),
         ],
         search: Search::Wave(None),
         equivalent: &[],
@@ -265,7 +265,7 @@ pub const LIBRARY: [Kind; 26] = [
         of_arm: false,
         parameters: &[
             size("compliance_rad_per_nm", "rad/(N m)", joint!(compliance_rad_per_nm), 1e-6, [0.0, 1e-2]),
-            shape("shaft_damping_s", "s", joint!(shaft_damping_s), 1e-5, [0.0, 0.01]),
+            shape("damping_s", "s", joint!(shaft_damping_s), 1e-5, [0.0, 0.01]),
         ],
         search: Search::Finite(&[
             &[3e-6, 4e-4],
@@ -289,7 +289,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "current-lag",
         of_arm: false,
-        parameters: &[size("current_lag_s", "s", joint!(current_lag_s), 5e-6, [0.0, 0.02])],
+        parameters: &[size("time_constant_s", "s", joint!(current_lag_s), 5e-6, [0.0, 0.02])],
         search: Search::Finite(&[&[5e-5], &[1.5e-4], &[4e-4], &[1e-3]]),
         equivalent: &[],
         phrase: "a lag of the current",
@@ -297,7 +297,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "current-saturation",
         of_arm: false,
-        parameters: &[size("current_limit_a", "A", joint!(current_limit_a), 0.02, [0.05, 1e3])],
+        parameters: &[size("limit_a", "A", joint!(current_limit_a), 0.02, [0.05, 1e3])],
         search: Search::Limit(&[0.985, 0.95, 0.9, 0.8, 0.7]),
         equivalent: &[],
         phrase: "a current limit",
@@ -316,7 +316,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "back-emf",
         of_arm: false,
-        parameters: &[size("back_emf_a_s_per_rad", "A s/rad", joint!(back_emf_a_s_per_rad), 1e-5, [0.0, 1.0])],
+        parameters: &[size("current_a_s_per_rad", "A s/rad", joint!(back_emf_a_s_per_rad), 1e-5, [0.0, 1.0])],
         search: Search::Proportional(&[&[]]),
         equivalent: &["viscous-friction"],
         phrase: "current lost to the motor's speed",
@@ -324,7 +324,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "amplifier-dead-zone",
         of_arm: false,
-        parameters: &[size("dead_zone_a", "A", joint!(dead_zone_a), 2e-3, [0.0, 10.0])],
+        parameters: &[size("width_a", "A", joint!(dead_zone_a), 2e-3, [0.0, 10.0])],
         search: Search::Finite(&[&[0.01], &[0.04], &[0.1], &[0.2], &[0.4]]),
         equivalent: &[],
         phrase: "a dead zone of the amplifier",
@@ -333,9 +333,9 @@ pub const LIBRARY: [Kind; 26] = [
         name: "payload",
         of_arm: true,
         parameters: &[
-            size("payload_kg", "kg", arm!(payload_kg), 1e-3, [-20.0, 20.0]),
-            shape("payload_x_m", "m", arm!(payload_x_m), 1e-3, [-0.15, 0.15]),
-            shape("payload_y_m", "m", arm!(payload_y_m), 1e-3, [-0.75, -0.1]),
+            size("mass_kg", "kg", arm!(payload_kg), 1e-3, [-20.0, 20.0]),
+            shape("x_m", "m", arm!(payload_x_m), 1e-3, [-0.15, 0.15]),
+            shape("y_m", "m", arm!(payload_y_m), 1e-3, [-0.75, -0.1]),
         ],
         search: Search::Proportional(&[&[0.0, -0.35], &[0.0, -0.45], &[0.0, -0.55]]),
         equivalent: &[],
@@ -345,8 +345,8 @@ pub const LIBRARY: [Kind; 26] = [
         name: "gravity-spring",
         of_arm: false,
         parameters: &[
-            size("spring_nm", "N m", joint!(spring_nm), 1e-2, ANY),
-            phase("spring_angle_rad", joint!(spring_angle_rad), false),
+            size("torque_nm", "N m", joint!(spring_nm), 1e-2, ANY),
+            phase("angle_rad", joint!(spring_angle_rad), false),
         ],
         search: Search::Wave(Some(&[1.0])),
         equivalent: &[],
@@ -355,7 +355,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "base-tilt",
         of_arm: true,
-        parameters: &[size("tilt_rad", "rad", arm!(tilt_rad), 1e-4, [-0.7, 0.7])],
+        parameters: &[size("angle_rad", "rad", arm!(tilt_rad), 1e-4, [-0.7, 0.7])],
         search: Search::Proportional(&[&[]]),
         equivalent: &[],
         phrase: "a base that leans",
@@ -364,9 +364,9 @@ pub const LIBRARY: [Kind; 26] = [
         name: "count-loss",
         of_arm: false,
         parameters: &[
-            size("slip_counts", "counts", joint!(slip_counts), 0.05, ANY),
+            size("counts", "counts", joint!(slip_counts), 0.05, ANY),
             Parameter {
-                name: "slip_instant_s",
+                name: "instant_s",
                 unit: "s",
                 place: joint!(slip_instant_s),
                 role: Role::Shape,
@@ -383,10 +383,10 @@ pub const LIBRARY: [Kind; 26] = [
         name: "external-contact",
         of_arm: false,
         parameters: &[
-            size("contact_nm", "N m", joint!(contact_nm), 1e-2, ANY),
-            shape("contact_duration_s", "s", joint!(contact_duration_s), 2e-3, [0.02, 3.0]),
+            size("torque_nm", "N m", joint!(contact_nm), 1e-2, ANY),
+            shape("duration_s", "s", joint!(contact_duration_s), 2e-3, [0.02, 3.0]),
             Parameter {
-                name: "contact_start_s",
+                name: "start_s",
                 unit: "s",
                 place: joint!(contact_start_s),
                 role: Role::Shape,

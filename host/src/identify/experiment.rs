@@ -2,7 +2,7 @@
 
 use shared::control::{Cascade, Law, LawState, PositionLaw, SampledTiming};
 use shared::drive::{centre_of_count, mean_count};
-use shared::plant::State;
+use shared::plant::{Plant, State};
 use shared::replay::{ClosedLoopTick, ReplaySettings};
 
 use super::IdentifyError;
@@ -57,6 +57,8 @@ pub struct Segment {
     pub added_torque_nm: Vec<[f64; 2]>,
     /// Current as recorded in A.
     pub current_a: Vec<[f64; 2]>,
+    /// When it begins, in s after the start of the recording.
+    pub start_s: f64,
     pub(crate) start: State<f64>,
 }
 
@@ -142,6 +144,7 @@ impl<'a> Experiment<'a> {
             command_a,
             added_torque_nm,
             current_a: pairs(&recording.current_a),
+            start_s: f64::from(recording.tick[range.start].wrapping_sub(recording.tick[0])) * self.timing.record_period_s,
             start,
         }
     }
@@ -216,7 +219,7 @@ impl<'a> Experiment<'a> {
         }
     }
 
-    fn simulation(&self, values: &Values) -> Simulation<'_, f64> {
+    fn simulation(&self, values: &Values) -> Simulation<'_, Plant<f64>> {
         Simulation { experiment: self, plant: values.plant(self.robot) }
     }
 

@@ -2,30 +2,33 @@
 //! numbers for sensitivities.
 
 use shared::control::LawState;
-use shared::plant::{Plant, State};
+use shared::machine::{Machine, Movable};
+use shared::plant::State;
 use shared::replay::{ClosedLoop, ClosedLoopTick, Innovations, RecordedSample, ReplaySettings};
 use shared::scalar::Scalar;
 
 use super::experiment::{Experiment, Segment};
 
 /// A model about to repeat the segments of an experiment.
-pub struct Simulation<'a, N> {
+pub struct Simulation<'a, P> {
     /// What was measured.
     pub experiment: &'a Experiment<'a>,
-    /// The model.
-    pub plant: Plant<N>,
+    /// The model: a plain plant, or one with effects.
+    pub plant: P,
 }
 
-impl<N: Scalar> Simulation<'_, N> {
-    #[inline(always)]
-    pub(crate) fn pair(&self, values: [f64; 2]) -> [N; 2] {
-        let number = self.plant.arm.gravity_m_s2;
-        [number.constant(values[0]), number.constant(values[1])]
-    }
+/// The motion of a model at a sample.
+pub type Motion<P> = <<P as Movable>::Machine as Machine<<P as Movable>::Number>>::Motion;
 
+#[inline(always)]
+fn pair<N: Scalar, M: Machine<N>>(machine: &M, values: [f64; 2]) -> [N; 2] {
+    [machine.number(values[0]), machine.number(values[1])]
+}
+
+impl<P: Movable> Simulation<'_, P> {
     /// The robot's laws as they are at the first sample of `segment`.
-    pub(crate) fn laws(&self, segment: &Segment) -> [LawState<N>; 2] {
-        let number = |value| self.plant.arm.gravity_m_s2.constant(value);
+    pub(crate) fn laws(&self, machine: &P::Machine, segment: &Segment) -> [LawState<P::Number>; 2] {
+        let number = |value| machine.number(value);
         let law = |joint: usize| {
             let experiment = self.experiment;
             let counts_per_tick = segment.start.velocity_rad_s[joint]
@@ -39,11 +42,12 @@ impl<N: Scalar> Simulation<'_, N> {
         [law(0), law(1)]
     }
 
-    pub(crate) fn start(&self, segment: &Segment) -> State<N> {
-        State {
-            position_rad: self.pair(segment.start.position_rad),
-            velocity_rad_s: self.pair(segment.start.velocity_rad_s),
-        }
+    pub(crate) fn start(machine: &P::Machine, segment: &Segment) -> Motion<P> {
+        let state = State {
+            position_rad: pair(machine, segment.start.position_rad),
+            velocity_rad_s: pair(machine, segment.start.velocity_rad_s),
+        };
+        machine.start(state, segment.start_s)
     }
 
     /// Follows a segment under the robot's own loop; `sample` gets the number of each, what the model does there, and
@@ -53,15 +57,17 @@ impl<N: Scalar> Simulation<'_, N> {
         &self,
         segment: &Segment,
         settings: &ReplaySettings,
-        mut sample: impl FnMut(usize, &ClosedLoopTick<N>, [N; 2]),
+        mut sample: impl FnMut(usize, &ClosedLoopTick<P::Number>, [P::Number; 2]),
     ) {
-        let mut model = ClosedLoop::new(&self.plant, self.laws(segment), settings, self.start(segment));
+        let machine = self.plant.machine();
+        let start = Self::start(&machine, segment);
+        let mut model = ClosedLoop::of(machine, self.laws(&machine, segment), settings, start);
         for k in 0..segment.error_counts.len() {
             let reference = segment.model_reference_counts[k];
-            let tick = model.tick(self.pair(reference), self.pair(segment.added_torque_nm[k]));
+            let tick = model.tick(pair(&machine, reference), pair(&machine, segment.added_torque_nm[k]));
             // The model's motor is ahead of the robot's by what its own error is smaller, references apart.
             let actual = segment.actual_counts[k];
-            let recorded = self.pair([reference[0] - actual[0], reference[1] - actual[1]]);
+            let recorded: [P::Number; 2] = pair(&machine, [reference[0] - actual[0], reference[1] - actual[1]]);
             let difference = [recorded[0] - tick.error_counts[0], recorded[1] - tick.error_counts[1]];
             sample(k, &tick, difference);
         }
@@ -69,16 +75,36 @@ impl<N: Scalar> Simulation<'_, N> {
 
     /// Follows a segment under the recorded command; `sample` gets the number of each and its innovation in counts.
     #[inline(always)]
-    pub fn innovations(&self, segment: &Segment, settings: &ReplaySettings, mut sample: impl FnMut(usize, [N; 2])) {
-        let mut model = Innovations::new(&self.plant, self.laws(segment), settings, self.start(segment));
+    pub fn innovations(
+        &self,
+        segment: &Segment,
+        settings: &ReplaySettings,
+        mut sample: impl FnMut(usize, [P::Number; 2]),
+    ) {
+        self.innovations_and_motion(segment, settings, |k, innovation, _| sample(k, innovation));
+    }
+
+    /// As [`Self::innovations`], with the motion the model had come to at each sample, before its correction: the
+    /// current it would measure, where it is a plant with effects (the first sample's apart).
+    #[inline(always)]
+    pub fn innovations_and_motion(
+        &self,
+        segment: &Segment,
+        settings: &ReplaySettings,
+        mut sample: impl FnMut(usize, [P::Number; 2], &Motion<P>),
+    ) {
+        let machine = self.plant.machine();
+        let start = Self::start(&machine, segment);
+        let mut model = Innovations::of(machine, self.laws(&machine, segment), settings, start);
         for k in 0..segment.error_counts.len() {
+            let motion = *model.motion();
             let innovation = model.tick(&RecordedSample {
-                reference_counts: self.pair(segment.model_reference_counts[k]),
-                measured_counts: self.pair(segment.measured_counts[k]),
-                command_a: self.pair(segment.command_a[k]),
-                added_torque_nm: self.pair(segment.added_torque_nm[k]),
+                reference_counts: pair(&machine, segment.model_reference_counts[k]),
+                measured_counts: pair(&machine, segment.measured_counts[k]),
+                command_a: pair(&machine, segment.command_a[k]),
+                added_torque_nm: pair(&machine, segment.added_torque_nm[k]),
             });
-            sample(k, innovation);
+            sample(k, innovation, &motion);
         }
     }
 }
