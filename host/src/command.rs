@@ -6,6 +6,7 @@ mod common;
 mod demo;
 mod drawing;
 mod error;
+mod explain;
 #[cfg(feature = "flash")]
 mod flash;
 mod identify;
@@ -59,6 +60,8 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Find f1..f9 and friction from recordings.
     Identify(identify::Identify),
+    /// Find what a model lacks: name the effect, add it, show the gap shrink.
+    Explain(explain::Explain),
     /// Put a model onto the board, in two phases with read-back.
     Upload(upload::Upload),
     /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
@@ -81,6 +84,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Bench(command) => command.run(),
         Command::Calibrate(command) => command.run(),
         Command::Identify(command) => command.run(),
+        Command::Explain(command) => command.run(),
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Simulate(command) => command.run(),

@@ -32,6 +32,9 @@ pub enum CommandError {
     /// An identification.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
+    /// An explanation.
+    #[error(transparent)]
+    Explain(#[from] armid::explain::ExplainError),
     /// A movement that did not come to its end.
     #[error("the movement did not come to its end: {reason}")]
     Incomplete {
@@ -73,6 +76,12 @@ impl CommandError {
             Self::File(_) | Self::Repeating(_) => BAD_FILE,
             // What the recordings lack no other command line would bring.
             Self::Identify(IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. }) => BAD_FILE,
+            Self::Explain(armid::explain::ExplainError::Recordings(
+                IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. },
+            )) => BAD_FILE,
+            Self::Explain(
+                armid::explain::ExplainError::Audit(_) | armid::explain::ExplainError::UnknownEffect { .. },
+            ) => BAD_FILE,
             Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) => UNSAFE,
             Self::Setup(_) => BAD_FILE,
             Self::Session(error) => match error {
@@ -97,7 +106,7 @@ impl CommandError {
                 _ => UNREACHABLE,
             },
             Self::Incomplete { board_lost: true, .. } => UNREACHABLE,
-            Self::Calibrate(_) | Self::Identify(_) | Self::Incomplete { .. } | Self::Failed(_) | Self::Output(_) => {
+            Self::Calibrate(_) | Self::Identify(_) | Self::Explain(_) | Self::Incomplete { .. } | Self::Failed(_) | Self::Output(_) => {
                 FAILED
             }
             Self::Usage(_) => USAGE,

@@ -32,7 +32,9 @@ impl Setting<'_> {
                     for (segment, columns) in self.experiment.segments.iter().zip(&left.current) {
                         for joint in 0..self.experiment.robot.joints.len() {
                             let settled = self.experiment.settled(segment);
-                            current.extend(columns[joint][settled].iter().map(|x| x / sigma[joint]));
+                            let command = segment.command_a[settled.clone()].iter().map(|pair| pair[joint]);
+                            let rest = without_zero_and_gain(&columns[joint][settled], &command.collect::<Vec<f64>>());
+                            current.extend(rest.into_iter().map(|x| x / sigma[joint]));
                         }
                     }
                 }
@@ -40,6 +42,20 @@ impl Setting<'_> {
             })
             .collect()
     }
+}
+
+/// `current` less what a zero and a gain of the sensor that are a little off would leave: nobody calibrates them well.
+fn without_zero_and_gain(current: &[f64], command: &[f64]) -> Vec<f64> {
+    let count = current.len() as f64;
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / count;
+    let (zero, centre) = (mean(current), mean(command));
+    let (mut both, mut square) = (0.0, 0.0);
+    for (c, u) in current.iter().zip(command) {
+        both += (c - zero) * (u - centre);
+        square += (u - centre).powi(2);
+    }
+    let gain = if square > 0.0 { both / square } else { 0.0 };
+    current.iter().zip(command).map(|(c, u)| c - zero - gain * (u - centre)).collect()
 }
 
 /// One parameter of a refit.

@@ -43,6 +43,12 @@ pub enum Place {
 }
 
 impl Parameter {
+    /// What it is where nothing else is said: off, or the usual shape.
+    pub fn usual(&self) -> f64 {
+        let mut effects = Effects::OFF;
+        *self.of(&mut effects, 0)
+    }
+
     /// The number itself.
     pub fn of<'a>(&self, effects: &'a mut Effects<f64>, joint: usize) -> &'a mut f64 {
         match self.place {
@@ -114,7 +120,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "coulomb-friction",
         of_arm: false,
-        parameters: &[size("coulomb_change_nm", "N m", joint!(coulomb_change_nm), 1e-3, ANY)],
+        parameters: &[size("change_nm", "N m", joint!(coulomb_change_nm), 1e-3, ANY)],
         search: Search::Proportional(&[&[]]),
         equivalent: &[],
         phrase: "a changed Coulomb friction",
@@ -123,7 +129,7 @@ pub const LIBRARY: [Kind; 26] = [
         name: "viscous-friction",
         of_arm: false,
         parameters: &[size(
-            "viscous_change_nm_s_per_rad",
+            "change_nm_s_per_rad",
             "N m s/rad",
             joint!(viscous_change_nm_s_per_rad),
             1e-5,
@@ -136,7 +142,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "asymmetric-friction",
         of_arm: false,
-        parameters: &[size("coulomb_asymmetry_nm", "N m", joint!(coulomb_asymmetry_nm), 1e-3, ANY)],
+        parameters: &[size("difference_nm", "N m", joint!(coulomb_asymmetry_nm), 1e-3, ANY)],
         search: Search::Proportional(&[&[]]),
         equivalent: &["torque-offset"],
         phrase: "Coulomb friction that differs by direction",
@@ -145,7 +151,7 @@ pub const LIBRARY: [Kind; 26] = [
         name: "asymmetric-viscous-friction",
         of_arm: false,
         parameters: &[size(
-            "viscous_asymmetry_nm_s_per_rad",
+            "difference_nm_s_per_rad",
             "N m s/rad",
             joint!(viscous_asymmetry_nm_s_per_rad),
             1e-5,

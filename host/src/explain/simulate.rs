@@ -2,10 +2,8 @@
 
 use fearless_simd::{Level, Simd, dispatch, f64x8};
 use rayon::prelude::*;
-use shared::effects::{Effects, ExtendedMachine, ExtendedPlant};
-use shared::machine::{Machine, PlainMachine};
+use shared::effects::{Effects, ExtendedPlant};
 use shared::plant::Plant;
-use shared::replay::{Innovations, RecordedSample};
 
 use crate::identify::experiment::INNOVATION_SUBSTEPS;
 use crate::identify::simulation::Simulation;
@@ -78,9 +76,22 @@ fn plain<S: Simd>(machine: S, experiment: &Experiment, index: usize, candidates:
         Wide::<S>::from_fn(machine, |lane| constant(&candidates[lane.min(last)].plant))
     };
     let simulation = Simulation { experiment, plant: Plant::from_constants(number) };
-    let moved = PlainMachine::new(&simulation.plant);
-    let left = run(&simulation, &experiment.segments[index], moved, candidates.len(), |_| None);
-    with_commanded_current(experiment, &experiment.segments[index], left)
+    let segment = &experiment.segments[index];
+    let mut left = nothing(segment, candidates.len());
+    simulation.innovations(segment, &experiment.settings(INNOVATION_SUBSTEPS), |_, innovation| {
+        for (lane, left) in left.iter_mut().enumerate() {
+            left.innovations[0].push(innovation[0].get(lane));
+            left.innovations[1].push(innovation[1].get(lane));
+        }
+    });
+    with_commanded_current(experiment, segment, left)
+}
+
+fn nothing(segment: &Segment, candidates: usize) -> Vec<OfSegment> {
+    let column = || Vec::with_capacity(segment.error_counts.len());
+    (0..candidates)
+        .map(|_| OfSegment { innovations: [column(), column()], current: [column(), column()] })
+        .collect()
 }
 
 #[inline(always)]
@@ -96,10 +107,22 @@ fn extended<S: Simd>(machine: S, experiment: &Experiment, index: usize, candidat
     let number = |constant: &dyn Fn(&ExtendedPlant<f64>) -> f64| {
         Wide::<S>::from_fn(machine, |lane| constant(&plants[lane.min(last)]))
     };
-    let plant = ExtendedPlant::from_constants(number);
-    let simulation = Simulation { experiment, plant: plant.plant };
-    let moved = ExtendedMachine::new(&plant);
-    run(&simulation, &experiment.segments[index], moved, candidates.len(), |motion| Some(motion.current_a))
+    let simulation = Simulation { experiment, plant: ExtendedPlant::from_constants(number) };
+    let segment = &experiment.segments[index];
+    let mut left = nothing(segment, candidates.len());
+    simulation.innovations_and_motion(
+        segment,
+        &experiment.settings(INNOVATION_SUBSTEPS),
+        |k, innovation, motion| {
+            for (lane, left) in left.iter_mut().enumerate() {
+                for joint in 0..2 {
+                    left.innovations[joint].push(innovation[joint].get(lane));
+                    left.current[joint].push(segment.current_a[k][joint] - motion.current_a[joint].get(lane));
+                }
+            }
+        },
+    );
+    left
 }
 
 /// No effect at all, for this kind of robot.
@@ -108,44 +131,6 @@ pub fn neutral(experiment: &Experiment) -> Effects<f64> {
         crate::robot::Kind::TwoLink => Effects::OFF,
         crate::robot::Kind::SingleAxis => Effects::SINGLE_AXIS,
     }
-}
-
-#[inline(always)]
-fn run<S: Simd, M: Machine<Wide<S>>>(
-    simulation: &Simulation<Wide<S>>,
-    segment: &Segment,
-    machine: M,
-    candidates: usize,
-    current: impl Fn(&M::Motion) -> Option<[Wide<S>; 2]>,
-) -> Vec<OfSegment> {
-    let settings = simulation.experiment.settings(INNOVATION_SUBSTEPS);
-    let samples = segment.error_counts.len();
-    let mut left: Vec<OfSegment> = (0..candidates)
-        .map(|_| OfSegment {
-            innovations: [Vec::with_capacity(samples), Vec::with_capacity(samples)],
-            current: [Vec::with_capacity(samples), Vec::with_capacity(samples)],
-        })
-        .collect();
-    let motion = machine.start(simulation.start(segment), 0.0);
-    let mut model = Innovations::of(machine, simulation.laws(segment), &settings, motion);
-    for k in 0..samples {
-        let flows = current(model.motion());
-        let innovation = model.tick(&RecordedSample {
-            reference_counts: simulation.pair(segment.model_reference_counts[k]),
-            measured_counts: simulation.pair(segment.measured_counts[k]),
-            command_a: simulation.pair(segment.command_a[k]),
-            added_torque_nm: simulation.pair(segment.added_torque_nm[k]),
-        });
-        for (lane, left) in left.iter_mut().enumerate() {
-            left.innovations[0].push(innovation[0].get(lane));
-            left.innovations[1].push(innovation[1].get(lane));
-            if let Some(flows) = flows {
-                left.current[0].push(segment.current_a[k][0] - flows[0].get(lane));
-                left.current[1].push(segment.current_a[k][1] - flows[1].get(lane));
-            }
-        }
-    }
-    left
 }
 
 /// An ideal amplifier gives what was commanded a tick before, within its limit.
