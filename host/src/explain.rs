@@ -11,6 +11,7 @@
 //! command. At the true parameters they are the rounding of the encoder and the robot's own torque noise.
 
 mod audit;
+mod curves;
 mod decide;
 mod engine;
 mod findings;
@@ -21,6 +22,7 @@ mod library;
 mod linear;
 mod noise;
 mod nulls;
+mod report;
 mod response;
 mod rows;
 mod scan;
@@ -30,6 +32,7 @@ mod threshold;
 mod trace;
 
 pub use audit::AuditError;
+pub use curves::Curve;
 pub use decide::Verdict;
 pub use findings::{Candidate, Explanation, Finding, FoundParameter, Gap};
 

@@ -32,6 +32,9 @@ pub struct Explain {
     /// Model file to write: the baseline refitted, with the named effects
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Report page to write: one HTML file with its pictures inside
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -51,7 +54,7 @@ impl Explain {
             recording.check_conditions(&robot)?;
         }
         let model = self.model.as_ref().map(|path| Model::read(path, &robot)).transpose()?;
-        if let Some(out) = &self.out {
+        for out in self.out.iter().chain(&self.report) {
             let inputs = [with_sidecars(&fitted), with_sidecars(&kept_back)].concat();
             check_outputs([out.as_path()], inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
         }
@@ -66,6 +69,10 @@ impl Explain {
         bar.finish_and_clear();
         if let Some(out) = &self.out {
             explanation.model.write(out)?;
+        }
+        if let Some(report) = &self.report {
+            let page = explanation.to_html(&robot.name).map_err(|error| CommandError::Failed(error.to_string()))?;
+            armid::write_file(report, page.as_bytes())?;
         }
         if self.json { print_json(&explanation.to_json()) } else { print(report(&explanation)) }
     }

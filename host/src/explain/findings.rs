@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::curves::{Curve, curves};
 use super::decide::{Case, Decision, MOST_TORQUE_NOISE, Verdict};
-use super::library::{Instance, Role};
+use super::library::{Instance, LIBRARY, Role};
+use super::report::{Picture, pictures};
 use crate::identify::Parameter;
 use crate::model::{Effect, Model};
-use crate::robot::{Kind, Robot, Unit};
+use crate::robot::{Kind, Robot};
 
 /// A parameter of a named effect.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -97,6 +99,12 @@ pub struct Explanation {
     pub threshold: [f64; 2],
     /// Estimated torque noise in N m at the motors.
     pub torque_noise_nm: [f64; 2],
+    /// The shape of what is left, the quantity it follows best first.
+    pub shape: Vec<Curve>,
+    /// Effects that the screen ruled out in every round.
+    pub ruled_out: Vec<String>,
+    /// Pictures for the report.
+    pub pictures: Vec<Picture>,
     /// Closed-loop force gap in N (N m) rms per joint, before and after, where the recording holds the command itself.
     pub force_gap_rms: Option<[f64; 2]>,
     /// The seed of the null simulations.
@@ -128,6 +136,7 @@ impl Explanation {
             "largest_null_score": self.threshold[0],
             "threshold": self.threshold[1],
             "torque_noise_nm": self.torque_noise_nm,
+            "shape": self.shape,
             "force_gap_rms": self.force_gap_rms,
             "seed": self.seed,
         })
@@ -137,6 +146,9 @@ impl Explanation {
 fn null_value() -> serde_json::Value {
     serde_json::Value::Null
 }
+
+/// A curve that foretells less than this of the residual torque says nothing.
+const LEAST_FORETOLD: f64 = 0.1;
 
 /// Puts a decision into words.
 pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize, priors: bool) -> Explanation {
@@ -167,9 +179,8 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
         found.push((finding, instance.clone()));
     }
     let named = matches!(decision.verdict, Verdict::Named | Verdict::Partial);
-    let unit = if robot.unit == Unit::Radian || robot.quantised { "counts_rms" } else { "counts_rms" };
     let gap = Gap {
-        unit,
+        unit: "counts_rms",
         floor: decision.floor,
         before: decision.before,
         after: if named || decision.accepted.is_empty() { decision.after } else { decision.before.min(null_gap(case, decision)) },
@@ -185,7 +196,27 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
             held_out_gap: rival.held_out_gap,
         })
         .collect();
-    let sentences = sentences(case, decision, &found, &gap, priors);
+    let after = if named { &decision.innovations[2] } else { &decision.innovations[1] };
+    let shape = curves(train, after);
+    let pictures = pictures(train, &decision.innovations[0], after, &shape);
+    let tried = |name: &str| decision.rivals.iter().any(|rival| rival.instance.kind.name == name);
+    let ruled_out = LIBRARY.iter().filter(|kind| !tried(kind.name)).map(|kind| kind.name.to_string()).collect();
+    let mut sentences = sentences(case, decision, &found, &gap, priors);
+    if matches!(decision.verdict, Verdict::Unknown | Verdict::Partial)
+        && let Some(curve) = shape.first()
+    {
+        sentences.push(if curve.foretold > LEAST_FORETOLD {
+            format!(
+                "what is left follows the {} of joint {} best: a curve over it foretells {:.0} % of another recording's \
+                 residual torque",
+                curve.over,
+                curve.joint,
+                100.0 * curve.foretold
+            )
+        } else {
+            "what is left follows neither position nor speed, torque, time or the time since a reversal".into()
+        });
+    }
     let extended = if named { extended(robot, case, decision, model, &errors, &error_lists) } else { model.clone() };
     let effects = if named { found.into_iter().map(|(finding, _)| finding).collect() } else { Vec::new() };
     Explanation {
@@ -198,6 +229,9 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
         explained_share: decision.share,
         threshold: [decision.null_score, decision.threshold],
         torque_noise_nm: train.torque_noise_nm(&decision.noise),
+        shape,
+        ruled_out,
+        pictures,
         force_gap_rms: None,
         seed: case.seed,
     }

@@ -60,11 +60,6 @@ impl Hypothesis {
         Self { base: base.to_vec(), named }
     }
 
-    /// How many numbers its effects have that a fit determines, phases and instants included.
-    pub fn effect_parameters(&self) -> usize {
-        self.named.iter().map(|instance| instance.flat().len()).sum()
-    }
-
     /// What a refit may do to each number.
     pub fn unknowns(&self, baseline: &Baseline) -> Vec<Unknown> {
         let base = baseline.free.iter().zip(&baseline.standard_error).map(|(&parameter, &error)| {

@@ -38,10 +38,6 @@ pub struct Base<'a> {
     columns: &'a [Column],
     weights: &'a [f64],
     residual: &'a Column,
-    /// One over the prior's standard deviation of each base column's coefficient.
-    priors: &'a [f64],
-    /// How far each coefficient already is from its prior's centre.
-    offsets: &'a [f64],
     normal: DMatrix<f64>,
     right: DVector<f64>,
     /// Weighted sum of squares of the residual, prior included, before any fit.
@@ -63,13 +59,14 @@ pub fn inner(a: &[f64], b: &[f64], weights: &[f64]) -> f64 {
 }
 
 impl<'a> Base<'a> {
-    /// `residual ≈ Σ coefficient·column`, each coefficient plus its offset normally distributed about 0.
+    /// `residual ≈ Σ coefficient·column`, each coefficient plus its offset normally distributed about 0; `priors` are
+    /// one over its standard deviation.
     pub fn new(
         columns: &'a [Column],
         residual: &'a Column,
         weights: &'a [f64],
-        priors: &'a [f64],
-        offsets: &'a [f64],
+        priors: &[f64],
+        offsets: &[f64],
     ) -> Self {
         let count = columns.len();
         let mut normal = DMatrix::zeros(count, count);
@@ -86,7 +83,7 @@ impl<'a> Base<'a> {
             right[i] = columns[i].inner(residual, weights) - precision * offsets[i];
             total += precision * offsets[i] * offsets[i];
         }
-        Self { columns, weights, residual, priors, offsets, normal, right, total }
+        Self { columns, weights, residual, normal, right, total }
     }
 
     /// χ² without any further column.
@@ -130,12 +127,6 @@ impl<'a> Base<'a> {
             }
         }
         left
-    }
-
-    /// The priors' share of a fit's χ².
-    pub fn prior_cost(&self, fit: &Fit) -> f64 {
-        let each = fit.coefficients.iter().zip(self.priors).zip(self.offsets);
-        each.map(|((coefficient, prior), offset)| (prior * (coefficient + offset)).powi(2)).sum()
     }
 }
 
