@@ -8,6 +8,7 @@ mod demo;
 mod drawing;
 mod error;
 mod excite;
+mod explain;
 #[cfg(feature = "flash")]
 mod flash;
 mod identify;
@@ -68,6 +69,8 @@ enum Command {
     Excite(excite::Excite),
     /// Compute search ranges of f from bounds on masses, centres and inertias, or check a model against them.
     Ranges(ranges::Ranges),
+    /// Find what a model lacks: name the effect, add it, show the gap shrink.
+    Explain(explain::Explain),
     /// Put a model onto the board, in two phases with read-back.
     Upload(upload::Upload),
     /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
@@ -93,6 +96,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Compare(command) => command.run(),
         Command::Excite(command) => command.run(),
         Command::Ranges(command) => command.run(),
+        Command::Explain(command) => command.run(),
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Simulate(command) => command.run(),

@@ -13,7 +13,7 @@ mod batch;
 mod certainty;
 mod consistency;
 mod covariance;
-mod experiment;
+pub(crate) mod experiment;
 mod foreseen;
 mod least_squares;
 mod linear;
@@ -22,7 +22,7 @@ mod noise;
 mod parameters;
 mod search;
 mod sensitivity;
-mod simulation;
+pub(crate) mod simulation;
 mod stages;
 
 use std::path::PathBuf;

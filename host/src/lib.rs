@@ -23,6 +23,7 @@ mod convex;
 mod edit_distance;
 pub mod effects;
 pub mod excite;
+pub mod explain;
 pub mod explain_benchmark;
 pub mod file_error;
 pub mod firmware_image;

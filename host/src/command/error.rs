@@ -40,6 +40,9 @@ pub enum CommandError {
     /// A movement to design.
     #[error(transparent)]
     Excite(ExciteError),
+    /// An explanation.
+    #[error(transparent)]
+    Explain(#[from] armid::explain::ExplainError),
     /// A movement that did not come to its end.
     #[error("the movement did not come to its end: {reason}")]
     Incomplete {
@@ -84,6 +87,12 @@ impl CommandError {
                 IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. } | IdentifyError::NothingSound { .. },
             ) => BAD_FILE,
             Self::Identify(IdentifyError::NoFilter | IdentifyError::Filter { .. }) => USAGE,
+            Self::Explain(armid::explain::ExplainError::Recordings(
+                IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. },
+            )) => BAD_FILE,
+            Self::Explain(
+                armid::explain::ExplainError::Audit(_) | armid::explain::ExplainError::UnknownEffect { .. },
+            ) => BAD_FILE,
             Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) => UNSAFE,
             Self::Excite(ExciteError::Setting { .. }) => USAGE,
             Self::Excite(_) => UNSAFE,
@@ -110,9 +119,12 @@ impl CommandError {
                 _ => UNREACHABLE,
             },
             Self::Incomplete { board_lost: true, .. } => UNREACHABLE,
-            Self::Calibrate(_) | Self::Identify(_) | Self::Incomplete { .. } | Self::Failed(_) | Self::Output(_) => {
-                FAILED
-            }
+            Self::Calibrate(_)
+            | Self::Identify(_)
+            | Self::Explain(_)
+            | Self::Incomplete { .. }
+            | Self::Failed(_)
+            | Self::Output(_) => FAILED,
             Self::Usage(_) | Self::Effect(_) => USAGE,
         }
     }

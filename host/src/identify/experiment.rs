@@ -13,7 +13,7 @@ use crate::recording::{Manifest, Recording};
 use crate::robot::{self, Robot};
 
 /// Integration steps per record period of the innovations, the same for every candidate.
-const INNOVATION_SUBSTEPS: u32 = 4;
+pub(crate) const INNOVATION_SUBSTEPS: u32 = 4;
 
 /// The longest integration step of a closed loop that is judged or fitted finely.
 const FINE_STEP_S: f64 = 5e-5;
@@ -44,9 +44,9 @@ pub struct Segment {
     pub reference_counts: Vec<[f64; 2]>,
     /// The reference as the model's loop takes it: the recorded one where the loop runs once a sample. A faster loop
     /// sees the reference between the samples too, so there it is freed from the rounding of its samples.
-    pub(super) model_reference_counts: Vec<[f64; 2]>,
+    pub(crate) model_reference_counts: Vec<[f64; 2]>,
     /// Recorded motor position in counts, as truncated.
-    pub(super) actual_counts: Vec<[f64; 2]>,
+    pub(crate) actual_counts: Vec<[f64; 2]>,
     /// Recorded tracking error in counts.
     pub error_counts: Vec<[f64; 2]>,
     /// Motor position in counts: middle of the cell of the truncated count.
@@ -55,11 +55,13 @@ pub struct Segment {
     pub command_a: Vec<[f64; 2]>,
     /// Known motor torque beside the command in N m.
     pub added_torque_nm: Vec<[f64; 2]>,
+    /// Current as recorded in A.
+    pub current_a: Vec<[f64; 2]>,
     /// When it begins, in s after the start of the recording.
     pub start_s: f64,
-    pub(super) start: State<f64>,
+    pub(crate) start: State<f64>,
     /// The laws the recording was made under.
-    pub(super) laws: [Law<f64>; 2],
+    pub(crate) laws: [Law<f64>; 2],
     /// Which of the experiment's recordings it is part of.
     pub recording: usize,
 }
@@ -153,6 +155,7 @@ impl<'a> Experiment<'a> {
             measured_counts,
             command_a,
             added_torque_nm,
+            current_a: pairs(&recording.current_a),
             start_s: f64::from(recording.tick[range.start].wrapping_sub(recording.tick[0]))
                 * self.timing.record_period_s,
             start,
@@ -199,7 +202,7 @@ impl<'a> Experiment<'a> {
         state
     }
 
-    pub(super) fn settings(&self, substeps: u32) -> ReplaySettings {
+    pub(crate) fn settings(&self, substeps: u32) -> ReplaySettings {
         ReplaySettings { timing: self.timing, quantised: self.robot.quantised, substeps }
     }
 

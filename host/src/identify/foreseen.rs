@@ -60,6 +60,8 @@ impl<'a> Experiment<'a> {
             actual_counts,
             error_counts,
             measured_counts,
+            // What is measured at a sample is the command of the one before.
+            current_a: std::iter::once(command_a[0]).chain(command_a.iter().copied()).take(command_a.len()).collect(),
             command_a,
             laws,
             recording: index,

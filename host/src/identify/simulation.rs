@@ -27,7 +27,7 @@ fn pair<N: Scalar, M: Machine<N>>(machine: &M, values: [f64; 2]) -> [N; 2] {
 
 impl<P: Movable> Simulation<'_, P> {
     /// The robot's laws as they are at the first sample of `segment`.
-    fn laws(&self, machine: &P::Machine, segment: &Segment) -> [LawState<P::Number>; 2] {
+    pub(crate) fn laws(&self, machine: &P::Machine, segment: &Segment) -> [LawState<P::Number>; 2] {
         let number = |value| machine.number(value);
         let law = |joint: usize| {
             let experiment = self.experiment;
@@ -42,7 +42,7 @@ impl<P: Movable> Simulation<'_, P> {
         [law(0), law(1)]
     }
 
-    fn start(machine: &P::Machine, segment: &Segment) -> Motion<P> {
+    pub(crate) fn start(machine: &P::Machine, segment: &Segment) -> Motion<P> {
         let state = State {
             position_rad: pair(machine, segment.start.position_rad),
             velocity_rad_s: pair(machine, segment.start.velocity_rad_s),

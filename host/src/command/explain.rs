@@ -1,0 +1,101 @@
+//! `armid explain`.
+
+use std::path::PathBuf;
+
+use armid::explain::{Explanation, explain};
+use armid::model::Model;
+use clap::Args;
+
+use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::{CommandError, progress};
+
+/// Arguments of `explain`.
+#[derive(Debug, Args)]
+pub struct Explain {
+    /// Recordings to explain, made under the position loop; without --check the last of several is kept back
+    #[arg(required = true, value_name = "RECORDING")]
+    recordings: Vec<PathBuf>,
+    #[command(flatten)]
+    robot: RobotArguments,
+    /// Baseline model with standard errors, as `identify` writes it; without one it is identified first
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Recording kept out of every fit, to judge by; may be given several times
+    #[arg(long, value_name = "FILE")]
+    check: Vec<PathBuf>,
+    /// Seed of the null simulations, and of the search of a baseline
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Accept recordings with gaps
+    #[arg(long)]
+    allow_gaps: bool,
+    /// Model file to write: the baseline refitted, with the named effects
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Report page to write: one HTML file with its pictures inside
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Explain {
+    pub fn run(&self) -> Result<(), CommandError> {
+        let robot = self.robot.read_for_simulation()?;
+        let mut fitted = self.recordings.clone();
+        let mut kept_back = self.check.clone();
+        if kept_back.is_empty() && fitted.len() > 1 {
+            kept_back.extend(fitted.pop());
+        }
+        let recordings = read_recordings(&fitted, &robot, self.allow_gaps)?;
+        let check = read_recordings(&kept_back, &robot, self.allow_gaps)?;
+        for recording in recordings.iter().chain(&check) {
+            recording.check_conditions(&robot)?;
+        }
+        let model = self.model.as_ref().map(|path| Model::read(path, &robot)).transpose()?;
+        for out in self.out.iter().chain(&self.report) {
+            let inputs = [with_sidecars(&fitted), with_sidecars(&kept_back)].concat();
+            check_outputs([out.as_path()], inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
+        }
+        if check.is_empty() {
+            advise(
+                "no recording was kept back; give several, or --check, to judge the result on one that was not fitted",
+            );
+        }
+        let bar = progress::bar("explain", 0);
+        let explanation = explain(&robot, &recordings, &check, model.as_ref(), self.seed, &|stage| {
+            bar.set_message(stage);
+            bar.tick();
+        })?;
+        bar.finish_and_clear();
+        if let Some(out) = &self.out {
+            explanation.model.write(out)?;
+        }
+        if let Some(report) = &self.report {
+            let page = explanation.to_html(&robot.name).map_err(|error| CommandError::Failed(error.to_string()))?;
+            armid::write_file(report, page.as_bytes())?;
+        }
+        if self.json { print_json(&explanation.to_json()) } else { print(report(&explanation)) }
+    }
+}
+
+fn report(explanation: &Explanation) -> String {
+    let mut lines = vec![format!("verdict: {}", explanation.verdict.word())];
+    lines.extend(explanation.sentences.iter().cloned());
+    if !explanation.candidates.is_empty() {
+        lines.push(String::new());
+        lines.push(format!("{:<30} {:>5} {:>12} {:>14}", "tried", "joint", "ΔBIC", "held-out gap"));
+        for candidate in &explanation.candidates {
+            lines.push(format!(
+                "{:<30} {:>5} {:>12.1} {:>14.4}",
+                candidate.name, candidate.joint, candidate.delta_bic, candidate.held_out_gap
+            ));
+        }
+        lines.push(format!(
+            "named from ΔBIC {:.0} on; robots that lack nothing reach {:.0} in this experiment",
+            explanation.threshold[1], explanation.threshold[0]
+        ));
+    }
+    lines.join("\n")
+}

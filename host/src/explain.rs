@@ -1,0 +1,191 @@
+//! Finding what a model lacks: where simulation and measurement disagree, which effect of the library does it, and how
+//! much smaller the gap is with it.
+//!
+//! ```text
+//! recordings → audit → null refit ─→ screen ─→ confirm ─→ accept ─┐→ verdict, findings, extended model
+//!                         │ innovations  ↑ thresholds              │
+//!                         └── noise      └─ null simulations ←─────┘ once more for the next effect
+//! ```
+//!
+//! Everything is decided on innovations (see [`shared::replay`]): what the model did not foresee under the recorded
+//! command. At the true parameters they are the rounding of the encoder and the robot's own torque noise.
+
+mod audit;
+mod curves;
+mod decide;
+mod engine;
+mod findings;
+mod fit;
+mod held_out;
+mod hypothesis;
+mod library;
+mod linear;
+mod noise;
+mod nulls;
+mod report;
+mod response;
+mod rows;
+mod scan;
+mod screen;
+mod simulate;
+mod threshold;
+mod trace;
+
+pub use audit::AuditError;
+pub use curves::Curve;
+pub use decide::Verdict;
+pub use findings::{Candidate, Explanation, Finding, FoundParameter, Gap};
+
+use crate::identify::{self, Experiment, IdentifyError, Parameter, Values};
+use crate::model::Model;
+use crate::recording::Recording;
+use crate::robot::{Kind, Robot};
+use decide::Case;
+use engine::Engine;
+use fit::Setting;
+use hypothesis::Baseline;
+use library::Instance;
+
+/// What stops an explanation.
+#[derive(Debug, thiserror::Error)]
+pub enum ExplainError {
+    /// The recordings are of no use.
+    #[error(transparent)]
+    Recordings(#[from] IdentifyError),
+    /// Nothing can be concluded from the recordings.
+    #[error(transparent)]
+    Audit(#[from] AuditError),
+    /// The model file names an effect that is not in the library.
+    #[error(
+        "the model has an effect \"{name}\" on joint \"{joint}\", which this tool does not know; remove it or update"
+    )]
+    UnknownEffect {
+        /// Its name.
+        name: String,
+        /// Its joint.
+        joint: String,
+    },
+    /// The baseline is no arm.
+    #[error("the baseline describes no possible arm; identify it again")]
+    Impossible,
+}
+
+/// Relative standard error below which no baseline is believed: mass changes with dust.
+const LEAST_RELATIVE_ERROR: f64 = 2e-4;
+
+/// Explains `recordings`, fitted to, and judges on `check`, kept back.
+///
+/// Without a `model` the baseline is identified from the recordings first; whatever base parameters can imitate is then
+/// hidden. `progress` is told of every step. A run is repeatable for a seed.
+pub fn explain(
+    robot: &Robot,
+    recordings: &[Recording],
+    check: &[Recording],
+    model: Option<&Model>,
+    seed: u64,
+    progress: &(dyn Fn(&'static str) + Sync),
+) -> Result<Explanation, ExplainError> {
+    if recordings.is_empty() {
+        return Err(IdentifyError::NoRecording.into());
+    }
+    let experiment = Experiment::new(robot, recordings)?;
+    let kept_back = if check.is_empty() { None } else { Some(Experiment::new(robot, check)?) };
+    progress("checking the recordings");
+    let all: Vec<&Recording> = recordings.iter().chain(check).collect();
+    audit::audit(&experiment, &all, &trace::traces(&experiment))?;
+    let identified;
+    let (model, priors) = match model {
+        Some(model) => (model, true),
+        None => {
+            progress("identifying a baseline");
+            let options = identify::Options { seed, ..identify::Options::default() };
+            let found = identify::identify(robot, recordings, &[], &options, &|_| ())?;
+            let provenance = crate::identified_model::provenance(robot, recordings, "full", seed);
+            identified = crate::identified_model::from_identification(robot, &found, provenance);
+            (&identified, false)
+        }
+    };
+    let baseline = baseline(robot, model, priors);
+    let known = known_effects(robot, model, experiment.segments.len())?;
+
+    let rows = rows::Rows::new(&experiment);
+    let current_sigma_a = audit::current_sigma(&experiment);
+    let train = Engine::new(Setting { experiment: &experiment, rows: &rows, current_sigma_a }, &baseline);
+    let check_rows = kept_back.as_ref().map(rows::Rows::new);
+    let check = match (&kept_back, &check_rows) {
+        (Some(experiment), Some(rows)) => {
+            Some(Engine::new(Setting { experiment, rows, current_sigma_a: None }, &baseline))
+        }
+        _ => None,
+    };
+    let case = Case { train, check, seed, progress };
+    let known = match held_out::adapted_to_train(&case.train, &baseline, &known) {
+        Some(known) => known,
+        None => known,
+    };
+    let decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
+    progress("writing down what was found");
+    Ok(findings::explanation(&case, &decision, model, known.len(), priors))
+}
+
+fn baseline(robot: &Robot, model: &Model, priors: bool) -> Baseline {
+    let mut values = Values::of_robot(robot);
+    values.f = model.f;
+    let joints = robot.joints.len();
+    for joint in 0..joints {
+        values.viscous_nm_s_per_rad[joint] = model.viscous_nm_s_per_rad[joint];
+        values.coulomb_nm[joint] = model.coulomb_nm[joint];
+    }
+    let mut free: Vec<(Parameter, f64)> = Vec::new();
+    let mut add = |parameter: Parameter, value: f64, error: Option<f64>| {
+        // What has a standard error of exactly 0 is known.
+        if priors && error == Some(0.0) {
+            return;
+        }
+        let error = error.filter(|error| priors && error.is_finite());
+        free.push((parameter, error.map_or(f64::INFINITY, |error| error.max(LEAST_RELATIVE_ERROR * value.abs()))));
+    };
+    let of = |errors: &Option<Vec<f64>>, joint: usize| errors.as_ref().map(|errors| errors[joint]);
+    match robot.kind {
+        Kind::TwoLink => {
+            for index in 0..model.f.len() {
+                add(Parameter::F(index), model.f[index], model.f_standard_error.map(|errors| errors[index]));
+            }
+        }
+        Kind::SingleAxis => add(Parameter::F(6), model.f[6], model.f_standard_error.map(|errors| errors[6])),
+    }
+    for joint in 0..joints {
+        add(Parameter::Viscous(joint), model.viscous_nm_s_per_rad[joint], of(&model.viscous_standard_error, joint));
+        add(Parameter::Coulomb(joint), model.coulomb_nm[joint], of(&model.coulomb_standard_error, joint));
+    }
+    if robot.kind == Kind::SingleAxis {
+        // The offset of an axis is part of its structure, and in the model file an effect.
+        let offset = model.effects.iter().find(|effect| effect.name == "torque-offset");
+        let value = offset.and_then(|offset| offset.parameters.get("torque_nm")).copied().unwrap_or(0.0);
+        values.torque_offset_nm[0] = value;
+        add(Parameter::TorqueOffset(0), value, offset.and_then(|o| o.standard_error.get("torque_nm")).copied());
+    }
+    let (free, standard_error) = free.into_iter().unzip();
+    Baseline { values, free, standard_error }
+}
+
+/// The effects that the model came with.
+fn known_effects(robot: &Robot, model: &Model, records: usize) -> Result<Vec<Instance>, ExplainError> {
+    let mut known = Vec::new();
+    for effect in &model.effects {
+        if robot.kind == Kind::SingleAxis && effect.name == "torque-offset" {
+            continue;
+        }
+        let refuse = || ExplainError::UnknownEffect { name: effect.name.clone(), joint: effect.joint.clone() };
+        let kind = library::kind(&effect.name).ok_or_else(refuse)?;
+        let joint = robot.joints.iter().position(|joint| joint.name == effect.joint);
+        let joint = if kind.of_arm { 0 } else { joint.ok_or_else(refuse)? };
+        let values: Vec<f64> = kind
+            .parameters
+            .iter()
+            .map(|parameter| effect.parameters.get(parameter.name).copied().unwrap_or(parameter.usual()))
+            .collect();
+        known.push(Instance::new(kind, joint, &values, records));
+    }
+    Ok(known)
+}

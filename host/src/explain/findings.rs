@@ -1,0 +1,483 @@
+//! What was found, in numbers and sentences.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::curves::{Curve, curves};
+use super::decide::{Case, Decision, MOST_TORQUE_NOISE, Verdict};
+use super::library::{Instance, LIBRARY, Role};
+use super::report::{Picture, pictures};
+use crate::identify::Parameter;
+use crate::model::{Effect, Model};
+use crate::robot::{Kind, Robot};
+
+/// A parameter of a named effect.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FoundParameter {
+    /// Value.
+    pub value: f64,
+    /// Standard error; none where the recordings do not tell.
+    pub standard_error: Option<f64>,
+    /// Unit.
+    pub unit: &'static str,
+}
+
+/// An effect that was named.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// Its contract name.
+    pub name: &'static str,
+    /// The joint's name, or "both".
+    pub joint: String,
+    /// Names that cannot be told from it, itself among them.
+    pub class: Vec<&'static str>,
+    /// Its parameters.
+    pub parameters: BTreeMap<String, FoundParameter>,
+    /// Where it shows.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// By how much χ² fell, less what its parameters cost.
+    pub delta_bic: f64,
+}
+
+/// Gaps before and after.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct BeforeAfter {
+    /// With the baseline as given.
+    pub before: f64,
+    /// With the named effects.
+    pub after: f64,
+}
+
+/// How far simulation and measurement are apart.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// Unit of all of it.
+    pub unit: &'static str,
+    /// What rounding and torque noise alone leave.
+    pub floor: f64,
+    /// With the baseline as given, on the recordings fitted.
+    pub before: f64,
+    /// With the named effects, on the recordings fitted.
+    pub after: f64,
+    /// On the recordings kept back.
+    pub held_out: Option<BeforeAfter>,
+}
+
+/// An effect that was tried.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Candidate {
+    /// Its name.
+    pub name: &'static str,
+    /// Its joint.
+    pub joint: String,
+    /// Its score.
+    pub delta_bic: f64,
+    /// The gap it leaves on the recordings kept back, counts rms.
+    pub held_out_gap: f64,
+}
+
+/// Everything that is reported.
+#[derive(Clone, Debug)]
+pub struct Explanation {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// The effects, in the order they were taken.
+    pub effects: Vec<Finding>,
+    /// The gaps.
+    pub gap: Gap,
+    /// Everything that was refitted.
+    pub candidates: Vec<Candidate>,
+    /// The model with the named effects.
+    pub model: Model,
+    /// One sentence a finding, and what else there is to say.
+    pub sentences: Vec<String>,
+    /// Share of the excess that the effects explain, 0 to 1.
+    pub explained_share: f64,
+    /// Largest score of the null simulations, and the threshold made of it.
+    pub threshold: [f64; 2],
+    /// Estimated torque noise in N m at the motors.
+    pub torque_noise_nm: [f64; 2],
+    /// The shape of what is left, the quantity it follows best first.
+    pub shape: Vec<Curve>,
+    /// Effects that the screen ruled out in every round.
+    pub ruled_out: Vec<String>,
+    /// Pictures for the report.
+    pub pictures: Vec<Picture>,
+    /// Closed-loop force gap in N (N m) rms per joint, before and after, where the recording holds the command itself.
+    pub force_gap_rms: Option<[f64; 2]>,
+    /// The seed of the null simulations.
+    pub seed: u64,
+}
+
+impl Verdict {
+    /// As in the JSON.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Named => "named",
+            Self::None => "none",
+            Self::Unknown => "unknown",
+            Self::Partial => "partial",
+        }
+    }
+}
+
+impl Explanation {
+    /// The contract's object.
+    pub fn to_json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "verdict": self.verdict.word(),
+            "effects": self.effects,
+            "gap": self.gap,
+            "candidates": self.candidates,
+            "next_trajectory": null_value(),
+            "explained_share": self.explained_share,
+            "largest_null_score": self.threshold[0],
+            "threshold": self.threshold[1],
+            "torque_noise_nm": self.torque_noise_nm,
+            "shape": self.shape,
+            "force_gap_rms": self.force_gap_rms,
+            "seed": self.seed,
+        })
+    }
+}
+
+fn null_value() -> serde_json::Value {
+    serde_json::Value::Null
+}
+
+/// A curve that foretells less than this of the residual torque says nothing.
+const LEAST_FORETOLD: f64 = 0.1;
+
+/// Puts a decision into words.
+pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize, priors: bool) -> Explanation {
+    let train = &case.train;
+    let robot = train.setting.experiment.robot;
+    let weights = train.weights(&decision.noise);
+    let errors = train.standard_errors(&decision.fitted, &weights);
+    let mut at = decision.fitted.hypothesis.base.len();
+    let mut found: Vec<(Finding, Instance)> = Vec::new();
+    let mut error_lists: Vec<Vec<f64>> = Vec::new();
+    for instance in &decision.fitted.hypothesis.named {
+        let count = instance.flat().len();
+        error_lists.push(errors[at..at + count].to_vec());
+        at += count;
+    }
+    for (accepted, (instance, errors)) in
+        decision.accepted.iter().zip(decision.fitted.hypothesis.named.iter().zip(&error_lists).skip(known))
+    {
+        let parameters = parameters(instance, errors);
+        let finding = Finding {
+            name: accepted.name,
+            joint: instance.joint_name(robot),
+            class: accepted.class.clone(),
+            parameters,
+            place: place(case, decision, instance),
+            delta_bic: accepted.delta_bic,
+        };
+        found.push((finding, instance.clone()));
+    }
+    let named = matches!(decision.verdict, Verdict::Named | Verdict::Partial);
+    let gap = Gap {
+        unit: "counts_rms",
+        floor: decision.floor,
+        before: decision.before,
+        after: if named || decision.accepted.is_empty() {
+            decision.after
+        } else {
+            decision.before.min(null_gap(case, decision))
+        },
+        held_out: decision.held_out.map(|[_, before, after]| BeforeAfter { before, after }),
+    };
+    let candidates = decision
+        .rivals
+        .iter()
+        .map(|rival| Candidate {
+            name: rival.instance.kind.name,
+            joint: rival.instance.joint_name(robot),
+            delta_bic: rival.delta_bic,
+            held_out_gap: rival.held_out_gap,
+        })
+        .collect();
+    let after = if named { &decision.innovations[2] } else { &decision.innovations[1] };
+    let shape = curves(train, after);
+    let pictures = pictures(train, &decision.innovations[0], after, &shape);
+    let tried = |name: &str| decision.rivals.iter().any(|rival| rival.instance.kind.name == name);
+    let ruled_out = LIBRARY.iter().filter(|kind| !tried(kind.name)).map(|kind| kind.name.to_string()).collect();
+    let mut sentences = sentences(case, decision, &found, &gap, priors);
+    if matches!(decision.verdict, Verdict::Unknown | Verdict::Partial)
+        && let Some(curve) = shape.first()
+    {
+        sentences.push(if curve.foretold > LEAST_FORETOLD {
+            format!(
+                "what is left follows the {} of joint {} best: a curve over it foretells {:.0} % of another recording's \
+                 residual torque",
+                curve.over,
+                curve.joint,
+                100.0 * curve.foretold
+            )
+        } else {
+            "what is left follows neither position nor speed, torque, time or the time since a reversal".into()
+        });
+    }
+    let extended = if named { extended(robot, case, decision, model, &errors, &error_lists) } else { model.clone() };
+    let effects = if named { found.into_iter().map(|(finding, _)| finding).collect() } else { Vec::new() };
+    Explanation {
+        verdict: decision.verdict,
+        effects,
+        gap,
+        candidates,
+        model: extended,
+        sentences,
+        explained_share: decision.share,
+        threshold: [decision.null_score, decision.threshold],
+        torque_noise_nm: train.torque_noise_nm(&decision.noise),
+        shape,
+        ruled_out,
+        pictures,
+        force_gap_rms: None,
+        seed: case.seed,
+    }
+}
+
+fn null_gap(case: &Case, decision: &Decision) -> f64 {
+    case.train.gap(&decision.innovations[1])
+}
+
+fn parameters(instance: &Instance, errors: &[f64]) -> BTreeMap<String, FoundParameter> {
+    let mut parameters = BTreeMap::new();
+    let own = instance.kind.parameters.iter().filter(|parameter| parameter.per_record).count();
+    let common = instance.common.iter().flatten().count();
+    for (index, ((parameter, value), error)) in instance.flat().into_iter().zip(errors).enumerate() {
+        // What every recording has for itself is numbered from the first.
+        let name = if parameter.per_record {
+            format!("{}_{}", parameter.name, (index - common) / own.max(1) + 1)
+        } else {
+            parameter.name.to_string()
+        };
+        let value = if parameter.role == Role::Phase { turned(value) } else { value };
+        let standard_error = error.is_finite().then_some(*error);
+        parameters.insert(name, FoundParameter { value, standard_error, unit: parameter.unit });
+    }
+    parameters
+}
+
+/// An angle within ±π.
+fn turned(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    angle - turn * (angle / turn).round()
+}
+
+/// The baseline with what was found.
+fn extended(
+    robot: &Robot,
+    case: &Case,
+    decision: &Decision,
+    model: &Model,
+    errors: &[f64],
+    error_lists: &[Vec<f64>],
+) -> Model {
+    let mut extended = model.clone();
+    let hypothesis = &decision.fitted.hypothesis;
+    let baseline = case.train.baseline;
+    for ((&parameter, &value), &error) in baseline.free.iter().zip(&hypothesis.base).zip(errors) {
+        let joints = robot.joints.len();
+        match parameter {
+            Parameter::F(index) => {
+                extended.f[index] = value;
+                extended.f_standard_error.get_or_insert([0.0; 9])[index] = error;
+            }
+            Parameter::Viscous(joint) => {
+                extended.viscous_nm_s_per_rad[joint] = value;
+                extended.viscous_standard_error.get_or_insert(vec![0.0; joints])[joint] = error;
+            }
+            Parameter::Coulomb(joint) => {
+                extended.coulomb_nm[joint] = value;
+                extended.coulomb_standard_error.get_or_insert(vec![0.0; joints])[joint] = error;
+            }
+            Parameter::TorqueOffset(_) | Parameter::Gain(_) => {}
+        }
+    }
+    extended.effects = hypothesis
+        .named
+        .iter()
+        .zip(error_lists)
+        .map(|(instance, errors)| {
+            let common = instance.kind.parameters.iter().zip(&instance.common);
+            let first = instance.records.first();
+            let mut own = first.into_iter().flatten();
+            let parameters = common
+                .filter_map(|(parameter, value)| {
+                    // What every recording has for itself: the first one's, where the next search begins.
+                    let value = value.or_else(|| own.next().copied())?;
+                    let value = if parameter.role == Role::Phase { turned(value) } else { value };
+                    Some((parameter.name.to_string(), value))
+                })
+                .collect();
+            let shared = instance.flat().into_iter().zip(errors).filter(|((p, _), e)| !p.per_record && e.is_finite());
+            Effect {
+                name: instance.kind.name.into(),
+                joint: instance.joint_name(robot),
+                parameters,
+                standard_error: shared.map(|((p, _), e)| (p.name.to_string(), *e)).collect(),
+            }
+        })
+        .collect();
+    if robot.kind == Kind::SingleAxis {
+        let index = baseline.free.iter().position(|parameter| matches!(parameter, Parameter::TorqueOffset(_)));
+        if let Some(index) = index {
+            extended.effects.insert(
+                0,
+                Effect {
+                    name: "torque-offset".into(),
+                    joint: robot.joints[0].name.clone(),
+                    parameters: [("torque_nm".to_string(), hypothesis.base[index])].into(),
+                    standard_error: [("torque_nm".to_string(), errors[index])].into(),
+                },
+            );
+        }
+    }
+    let text = |text: &str| toml::Value::String(text.into());
+    extended.provenance.insert("explained_by".into(), text(crate::TOOL_VERSION));
+    extended.provenance.insert("explain_verdict".into(), text(decision.verdict.word()));
+    extended
+}
+
+/// Where the gap of an effect's joint fell most: the part of the recordings with the largest share for its length.
+fn place(case: &Case, decision: &Decision, instance: &Instance) -> String {
+    let train = &case.train;
+    let experiment = train.setting.experiment;
+    let joint = instance.joint;
+    let [_, before, after] = &decision.innovations;
+    let fastest =
+        |trace: &super::trace::Trace| trace.velocity_rad_s[joint].iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    let regions: [(&str, fn(&super::trace::Trace, usize, usize, f64) -> bool); 4] = [
+        ("within 0.3 s after its reversals", |trace, joint, k, _| trace.since_reversal_s[joint][k] < 0.3),
+        ("at low speed", |trace, joint, k, fastest| trace.velocity_rad_s[joint][k].abs() < 0.25 * fastest),
+        ("at high speed", |trace, joint, k, fastest| trace.velocity_rad_s[joint][k].abs() > 0.6 * fastest),
+        ("in the later half of the recordings", |trace, _, k, _| 2 * k > trace.time_s.len()),
+    ];
+    let mut best = (1.3, String::new());
+    let mut whole = 0.0;
+    for (words, inside) in regions {
+        let (mut part, mut all, mut samples, mut total) = (0.0, 0.0, 0.0, 0.0);
+        for (index, segment) in experiment.segments.iter().enumerate() {
+            let trace = &train.traces[index];
+            let fastest = fastest(trace);
+            for k in experiment.settled(segment) {
+                let gain = before[index][joint][k].powi(2) - after[index][joint][k].powi(2);
+                let here = inside(trace, joint, k, fastest);
+                part += if here { gain } else { 0.0 };
+                samples += f64::from(u8::from(here));
+                all += gain;
+                total += 1.0;
+            }
+        }
+        whole = all;
+        if all > 0.0 && samples > 0.0 {
+            let (share, length) = (part / all, samples / total);
+            if share / length > best.0 {
+                best = (
+                    share / length,
+                    format!(
+                        ", {words} ({:.0} % of the time): {:.0} % of its gain",
+                        100.0 * length,
+                        100.0 * share.min(1.0)
+                    ),
+                );
+            }
+        }
+    }
+    let name = instance.joint_name(experiment.robot);
+    let joint_words = if name == "both" { "both joints".to_string() } else { format!("joint {name}") };
+    if whole <= 0.0 {
+        // Base parameters can imitate it: it shows in how far they had to move.
+        return format!("{joint_words}, by how far the base parameters would have to leave their standard errors");
+    }
+    format!("{joint_words}{}; {:.0} % of the excess explained", best.1, 100.0 * decision.share)
+}
+
+fn sentences(case: &Case, decision: &Decision, found: &[(Finding, Instance)], gap: &Gap, priors: bool) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let train = &case.train;
+    let robot = train.setting.experiment.robot;
+    let gaps = match gap.held_out {
+        Some(held_out) => format!(
+            "gap on what was kept back {:.3} → {:.3} counts rms, floor {:.3}",
+            held_out.before, held_out.after, gap.floor
+        ),
+        None => format!("gap {:.3} → {:.3} counts rms, floor {:.3}", gap.before, gap.after, gap.floor),
+    };
+    match decision.verdict {
+        Verdict::Named | Verdict::Partial => {
+            for (finding, instance) in found {
+                let values: Vec<String> = finding
+                    .parameters
+                    .iter()
+                    .filter(|(name, _)| !name.contains("phase"))
+                    .map(|(name, parameter)| match parameter.standard_error {
+                        Some(error) => format!("{name} = {:.4e} ± {error:.1e}", parameter.value),
+                        None => format!("{name} = {:.4e}", parameter.value),
+                    })
+                    .collect();
+                let whose =
+                    if finding.joint == "both" { "arm".to_string() } else { format!("joint {}", finding.joint) };
+                let class = if finding.class.len() > 1 {
+                    format!("; these recordings do not tell it from {}", finding.class[1..].join(" or "))
+                } else {
+                    String::new()
+                };
+                sentences.push(format!(
+                    "{whose}: {} ({}: {}); shows on {}{class}",
+                    instance.kind.phrase,
+                    finding.name,
+                    values.join(", "),
+                    finding.place
+                ));
+            }
+            sentences.push(gaps);
+            if decision.verdict == Verdict::Partial {
+                sentences.push(format!(
+                    "this explains {:.0} % of the excess; the rest is not explained by any effect of the library",
+                    100.0 * decision.share
+                ));
+            }
+        }
+        Verdict::None => {
+            sentences.push(format!(
+                "nothing is missing that these recordings could show: the gap of {:.3} counts rms is within {:.0} % of the \
+                 floor of {:.3}",
+                decision.after,
+                100.0 * (super::decide::CLOSED - 1.0),
+                decision.floor
+            ));
+        }
+        Verdict::Unknown => {
+            sentences.push(format!(
+                "something is missing that no effect of the library explains: the best of them explain {:.0} % of the \
+                 excess; {gaps}",
+                100.0 * decision.share
+            ));
+        }
+    }
+    let torque = train.torque_noise_nm(&decision.noise);
+    for (joint, named) in robot.joints.iter().enumerate() {
+        let coulomb = train.baseline.values.coulomb_nm[joint];
+        if torque[joint] >= 0.99 * MOST_TORQUE_NOISE * coulomb && coulomb > 0.0 && decision.verdict != Verdict::Named {
+            sentences.push(format!(
+                "joint {}: an irregular torque of more than {:.1} % of the Coulomb friction is left",
+                named.name,
+                100.0 * MOST_TORQUE_NOISE
+            ));
+        }
+    }
+    if !priors {
+        sentences.push(
+            "no baseline was given: it was identified from these recordings, so changes of inertia, load, friction levels \
+             and torque constants are in it already and cannot be named"
+                .into(),
+        );
+    }
+    sentences
+}

@@ -1,0 +1,145 @@
+//! The same experiment on robots that lack nothing: how large a score chance alone reaches.
+//!
+//! Every one is another robot: the fitted model under its own position loop, its encoder rounding at another phase, a
+//! torque noise like the estimated one, and a baseline that errs by its standard errors.
+
+use rayon::prelude::*;
+use shared::control::{LawState, PositionLaw};
+use shared::drive::centre_of_count;
+use shared::effects::ExtendedPlant;
+use shared::machine::{Machine, Movable};
+use shared::replay::{Innovations, RecordedSample};
+
+use super::simulate::{Candidate, neutral};
+use crate::identify::experiment::INNOVATION_SUBSTEPS;
+use crate::identify::simulation::Simulation;
+use crate::identify::{Columns, Experiment, Segment};
+use crate::random::Random;
+
+/// The noise of a simulated robot.
+#[derive(Clone, Copy, Debug)]
+pub struct NullNoise {
+    /// Standard deviation of the motors' torque noise in N m.
+    pub torque_nm: [f64; 2],
+    /// Its correlation time in s.
+    pub correlation_time_s: [f64; 2],
+    /// Standard deviation of the measured position in counts, for encoders that do not round.
+    pub position_counts: [f64; 2],
+}
+
+/// The innovations of `count` robots that are exactly `model`.
+pub fn simulate_nulls(
+    experiment: &Experiment,
+    model: &Candidate,
+    noise: &NullNoise,
+    seed: u64,
+    count: usize,
+) -> Vec<Columns> {
+    let segments = experiment.segments.len();
+    let of = |null: usize, segment: usize| {
+        let seed = seed.wrapping_add((null * segments + segment) as u64);
+        closed_loop(experiment, model, segment, noise, &mut Random::new(seed, 0x6e75_6c6c)).innovations
+    };
+    (0..count).into_par_iter().map(|null| (0..segments).map(|segment| of(null, segment)).collect()).collect()
+}
+
+/// What a simulated robot records, and what the model that it is does not foresee of it.
+pub struct Run {
+    /// Tracking errors in counts.
+    pub error_counts: [Vec<f64>; 2],
+    /// Currents in A: the commands of the tick before.
+    pub current_a: [Vec<f64>; 2],
+    /// Innovations in counts.
+    pub innovations: [Vec<f64>; 2],
+}
+
+/// `model` under the robot's own loop along the reference of a segment.
+pub fn closed_loop(
+    experiment: &Experiment,
+    model: &Candidate,
+    segment: usize,
+    noise: &NullNoise,
+    random: &mut Random,
+) -> Run {
+    let of = &experiment.segments[segment];
+    if model.effects.is_empty() {
+        run(&Simulation { experiment, plant: model.plant }, of, noise, random)
+    } else {
+        let effects = model.effects.get(segment).copied().unwrap_or(neutral(experiment));
+        let plant = ExtendedPlant { plant: model.plant, effects };
+        run(&Simulation { experiment, plant }, of, noise, random)
+    }
+}
+
+fn run<P: Movable<Number = f64>>(
+    simulation: &Simulation<'_, P>,
+    segment: &Segment,
+    noise: &NullNoise,
+    random: &mut Random,
+) -> Run {
+    let experiment = simulation.experiment;
+    let quantised = experiment.robot.quantised;
+    let period_s = experiment.robot.record_period_s;
+    let settings = experiment.settings(INNOVATION_SUBSTEPS);
+    let samples = segment.error_counts.len();
+    let robot = simulation.plant.machine();
+    let substep_s = period_s / f64::from(INNOVATION_SUBSTEPS);
+    let start = Simulation::<P>::start(&robot, segment);
+    let mut laws: [LawState<f64>; 2] = simulation.laws(&robot, segment);
+    let mut model = Innovations::of(robot, simulation.laws(&robot, segment), &settings, start);
+    let mut motion = start;
+    let mut previous: Option<[f64; 2]> = None;
+    // Where between two counts the encoder begins.
+    let phase = [0, 1].map(|_| if quantised { random.unit() } else { 0.0 });
+    let kept = noise.correlation_time_s.map(|time_s| (-period_s / time_s).exp());
+    let mut torque = noise.torque_nm.map(|deviation| deviation * random.normal());
+    let columns = || [Vec::with_capacity(samples), Vec::with_capacity(samples)];
+    let mut left = Run { error_counts: columns(), current_a: columns(), innovations: columns() };
+    let mut last_command: Option<[f64; 2]> = None;
+    for k in 0..samples {
+        let position = robot.position_counts(&motion);
+        let (mut actual, mut measured) = (position, position);
+        for joint in 0..2 {
+            if quantised {
+                actual[joint] = (position[joint] + phase[joint]).trunc();
+                measured[joint] = centre_of_count(actual[joint]) - phase[joint];
+            } else {
+                actual[joint] += noise.position_counts[joint] * random.normal();
+                measured[joint] = actual[joint];
+            }
+        }
+        let reference = segment.reference_counts[k];
+        let command = [laws[0].command_a(reference[0], actual[0]), laws[1].command_a(reference[1], actual[1])];
+        let known = segment.added_torque_nm[k];
+        let innovation = model.tick(&RecordedSample {
+            reference_counts: reference,
+            measured_counts: measured,
+            command_a: command,
+            added_torque_nm: known,
+        });
+        let shown = last_command.replace(command).unwrap_or(command);
+        for joint in 0..2 {
+            left.innovations[joint].push(innovation[joint]);
+            left.error_counts[joint].push(reference[joint] - actual[joint]);
+            left.current_a[joint].push(shown[joint]);
+        }
+        let input = robot.input(command);
+        let before = previous.unwrap_or_else(|| {
+            motion = robot.begun(&motion, input);
+            input
+        });
+        let added = [torque[0] + known[0], torque[1] + known[1]];
+        let mut late = experiment.robot.command_delay_s / substep_s;
+        for _ in 0..INNOVATION_SUBSTEPS {
+            let held = robot.held(late.clamp(0.0, 1.0), before, input, added);
+            motion = robot.step(&motion, &held, substep_s);
+            late -= 1.0;
+        }
+        previous = Some(input);
+        for joint in 0..2 {
+            let fresh = noise.torque_nm[joint] * (1.0 - kept[joint] * kept[joint]).sqrt();
+            torque[joint] = kept[joint] * torque[joint] + fresh * random.normal();
+        }
+    }
+    left
+}
