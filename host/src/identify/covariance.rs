@@ -454,7 +454,7 @@ mod tests {
         let found = certainty(&Fitted {
             sensitivities: &columns,
             residuals: &vec![residuals, vec![0.0]],
-            origins: &[Origin { joint: 0, recording: 0 }],
+            origins: vec![Origin { joint: 0, recording: 0 }],
             recordings: 1,
             period_s: 1e-3,
             correlated_samples: 200,
@@ -487,7 +487,7 @@ mod tests {
         let found = certainty(&Fitted {
             sensitivities: &[column(), column()],
             residuals: &vec![(0..500).map(|k| if k % 2 == 0 { 0.3 } else { -0.3 }).collect()],
-            origins: &[Origin { joint: 0, recording: 0 }],
+            origins: vec![Origin { joint: 0, recording: 0 }],
             recordings: 1,
             period_s: 1e-3,
             correlated_samples: 10,
@@ -512,7 +512,7 @@ mod tests {
         let found = certainty(&Fitted {
             sensitivities: &sensitivities,
             residuals: &residuals,
-            origins: &[0, 1].map(|recording| Origin { joint: 0, recording }),
+            origins: [0, 1].map(|recording| Origin { joint: 0, recording }).to_vec(),
             recordings: 2,
             period_s: 1e-3,
             correlated_samples: 10,
