@@ -9,6 +9,7 @@
 
 mod batch;
 mod experiment;
+mod followed;
 mod least_squares;
 mod linear;
 mod low_pass;
@@ -24,6 +25,7 @@ use std::time::Instant;
 
 use shared::arm::ArmError;
 
+pub use batch::{SEARCH_LANES, instructions};
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
 pub use parameters::{FrictionMode, Parameter, Values, free_parameters};
