@@ -85,7 +85,10 @@ impl<N: Number + Into<f64>> Sample<N> {
         &self,
         machine: S,
     ) -> Sample<Lanes<S, V, GROUPS>> {
-        self.map(|value| Lanes::splat(machine, value.into()))
+        self.map(
+            #[inline(always)]
+            |value| Lanes::splat(machine, value.into()),
+        )
     }
 }
 
