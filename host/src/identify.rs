@@ -14,6 +14,7 @@ mod certainty;
 mod consistency;
 mod covariance;
 pub(crate) mod experiment;
+mod followed;
 mod foreseen;
 mod least_squares;
 mod linear;
@@ -31,6 +32,7 @@ use std::time::Instant;
 use nalgebra::DMatrix;
 use shared::arm::{ArmError, PARAMETERS};
 
+pub use batch::{SEARCH_LANES, instructions};
 pub use certainty::{Direction, LeftOut, Repeats, weak_directions};
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;

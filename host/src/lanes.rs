@@ -34,16 +34,20 @@ impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> Lanes<S, V,
     pub fn get(&self, lane: usize) -> V::Element {
         self.0[lane / V::LEN][lane % V::LEN]
     }
+}
 
-    #[inline(always)]
-    fn map(self, operation: impl Fn(V) -> V) -> Self {
-        Self(std::array::from_fn(|group| operation(self.0[group])), PhantomData)
-    }
-
-    #[inline(always)]
-    fn zip(self, other: Self, operation: impl Fn(V, V) -> V) -> Self {
-        Self(std::array::from_fn(|group| operation(self.0[group], other.0[group])), PhantomData)
-    }
+/// Does an operation group by group. A plain loop: a closure handed to a function of the core library may be compiled
+/// apart from the code around it, without that code's vector instructions.
+macro_rules! each_group {
+    ($first:expr, $group:ident => $value:expr) => {{
+        let mut result = $first;
+        let mut $group = 0;
+        while $group < GROUPS {
+            result[$group] = $value;
+            $group += 1;
+        }
+        result
+    }};
 }
 
 impl<S: Simd, V: SimdFloat<S>, const GROUPS: usize> Clone for Lanes<S, V, GROUPS> {
@@ -66,7 +70,7 @@ macro_rules! operators {
             type Output = Self;
             #[inline(always)]
             fn $function(self, other: Self) -> Self {
-                self.zip(other, |a, b| $operator::$function(a, b))
+                Self(each_group!(self.0, group => $operator::$function(self.0[group], other.0[group])), PhantomData)
             }
         }
     )*};
@@ -77,7 +81,7 @@ impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> Neg for Lan
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        self.map(|a| -a)
+        Self(each_group!(self.0, group => -self.0[group]), PhantomData)
     }
 }
 impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> AddAssign for Lanes<S, V, GROUPS> {
@@ -113,15 +117,15 @@ impl<S: Simd, M: SimdMask<S>, const GROUPS: usize> fmt::Debug for LaneMask<S, M,
 impl<S: Simd, M: SimdMask<S>, const GROUPS: usize> Mask for LaneMask<S, M, GROUPS> {
     #[inline(always)]
     fn and(self, other: Self) -> Self {
-        Self(std::array::from_fn(|group| self.0[group] & other.0[group]), PhantomData)
+        Self(each_group!(self.0, group => self.0[group] & other.0[group]), PhantomData)
     }
     #[inline(always)]
     fn or(self, other: Self) -> Self {
-        Self(std::array::from_fn(|group| self.0[group] | other.0[group]), PhantomData)
+        Self(each_group!(self.0, group => self.0[group] | other.0[group]), PhantomData)
     }
     #[inline(always)]
     fn not(self) -> Self {
-        Self(std::array::from_fn(|group| !self.0[group]), PhantomData)
+        Self(each_group!(self.0, group => !self.0[group]), PhantomData)
     }
 }
 
@@ -137,39 +141,40 @@ impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> Scalar for 
     }
     #[inline(always)]
     fn mul_add(self, factor: Self, addend: Self) -> Self {
-        Self(std::array::from_fn(|group| self.0[group].mul_add(factor.0[group], addend.0[group])), PhantomData)
+        Self(each_group!(self.0, group => self.0[group].mul_add(factor.0[group], addend.0[group])), PhantomData)
     }
     #[inline(always)]
     fn round_small(self) -> Self {
-        self.map(|a| a.round_ties_even())
+        Self(each_group!(self.0, group => self.0[group].round_ties_even()), PhantomData)
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        self.map(|a| a.sqrt())
+        Self(each_group!(self.0, group => self.0[group].sqrt()), PhantomData)
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        self.map(|a| a.abs())
+        Self(each_group!(self.0, group => self.0[group].abs()), PhantomData)
     }
     #[inline(always)]
     fn fix(self) -> Self {
-        self.map(|a| a.trunc())
+        Self(each_group!(self.0, group => self.0[group].trunc()), PhantomData)
     }
     #[inline(always)]
     fn less(self, other: Self) -> Self::Mask {
-        LaneMask(std::array::from_fn(|group| self.0[group].simd_lt(other.0[group])), PhantomData)
+        let first = self.0[0].simd_lt(other.0[0]);
+        LaneMask(each_group!([first; GROUPS], group => self.0[group].simd_lt(other.0[group])), PhantomData)
     }
     #[inline(always)]
     fn select(mask: Self::Mask, if_true: Self, if_false: Self) -> Self {
-        Self(std::array::from_fn(|group| mask.0[group].select(if_true.0[group], if_false.0[group])), PhantomData)
+        Self(each_group!(if_true.0, group => mask.0[group].select(if_true.0[group], if_false.0[group])), PhantomData)
     }
     // One instruction each. Where one of two numbers is not a number x86 gives the second, NEON that one.
     #[inline(always)]
     fn minimum(self, other: Self) -> Self {
-        self.zip(other, |a, b| b.min(a))
+        Self(each_group!(self.0, group => other.0[group].min(self.0[group])), PhantomData)
     }
     #[inline(always)]
     fn maximum(self, other: Self) -> Self {
-        self.zip(other, |a, b| b.max(a))
+        Self(each_group!(self.0, group => other.0[group].max(self.0[group])), PhantomData)
     }
 }

@@ -4,7 +4,7 @@ use armid::board_setup::configuration;
 use armid::capture::{self, Circumstances};
 use armid::client::{Client, MovementPlan, Pose};
 use armid::hidden_robot::HiddenRobot;
-use armid::identify::{Experiment, Fineness, Parameter, Residual, Values};
+use armid::identify::{Experiment, Fineness, Parameter, Residual, SearchBox, Values, search};
 use armid::link::SimulatedBoard;
 use armid::recording::{Mode, Recording};
 use armid::robot::Robot;
@@ -100,6 +100,71 @@ fn a_candidate_that_blows_up_leaves_its_neighbours_alone() {
         beside[1].is_finite() == plain.is_finite() && (!plain.is_finite() || beside[1] > 1e6),
         "{beside:?} {plain}"
     );
+}
+
+/// A search's single precision must order candidates as double precision does, near the truth, where a few thousand
+/// counts² are left, as well as anywhere in the search ranges.
+#[test]
+fn the_search_agrees_with_the_plain_plant() {
+    let robot = Robot::paper();
+    let experiment = Experiment::new(&robot, &[record(&robot)]).unwrap();
+    let mut candidates = candidates(&robot, 60);
+    let mut random = rand::rngs::StdRng::seed_from_u64(9);
+    while candidates.len() < 100 {
+        let mut values = candidates[0];
+        for (f, [low, high]) in values.f.iter_mut().zip(robot.search) {
+            *f = random.random_range(low..high);
+        }
+        if values.arm(&robot).check_inertia().is_ok() {
+            candidates.push(values);
+        }
+    }
+    let plain: Vec<f64> = candidates.iter().map(|values| experiment.objective_counts2(values)).collect();
+    assert!(plain[0] < 5e3 && plain.iter().any(|&y| y > 1e8), "{plain:?}");
+    let fast = experiment.search_objectives_counts2(&plants(&robot, &candidates));
+    let off = plain.iter().zip(&fast).map(|(plain, fast)| ((fast - plain) / plain).abs()).fold(0.0, f64::max);
+    println!("off by {off:.1e} of the objective");
+    assert!(off < 1e-4, "{off}");
+    assert!(off > 0.0, "single precision was not used");
+}
+
+#[test]
+fn a_search_does_not_depend_on_neighbours_threads_or_blow_ups() {
+    let robot = Robot::paper();
+    let experiment = Experiment::new(&robot, &[record(&robot)]).unwrap();
+    let mut candidates = candidates(&robot, 61);
+    let alone = experiment.search_objectives_counts2(&plants(&robot, &candidates));
+    assert_eq!(experiment.search_objectives_counts2(&plants(&robot, &candidates)[5..6]), [alone[5]]);
+    candidates[1].f[6] = 0.7;
+    candidates[2].f[0] = f64::NAN;
+    let mut backwards = plants(&robot, &candidates);
+    backwards.reverse();
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let mut beside = one_thread.install(|| experiment.search_objectives_counts2(&backwards));
+    beside.reverse();
+    assert_eq!(alone[0], beside[0]);
+    assert_eq!(alone[3..], beside[3..]);
+    assert!(beside[2].is_nan(), "{}", beside[2]);
+    // What single precision cannot follow is judged as in double precision.
+    let double = experiment.objectives_counts2(&plants(&robot, &candidates[1..2]))[0];
+    assert!(beside[1] == double || (beside[1] - double).abs() < 1e-4 * double, "{} {double}", beside[1]);
+}
+
+/// The best of every generation has the objective of the plain plant, not that of single precision.
+#[test]
+fn a_search_gives_objectives_in_double_precision() {
+    let robot = Robot::paper();
+    let experiment = Experiment::new(&robot, &[record(&robot)]).unwrap();
+    let known = candidates(&robot, 1)[0];
+    let free: Vec<Parameter> = (0..9).map(Parameter::F).collect();
+    let start = known.of(&free);
+    let ranges: Vec<[f64; 2]> = start.iter().map(|f| [f - 0.01 * f.abs(), f + 0.01 * f.abs()]).collect();
+    let settings = shared::genetic::Settings { generations: 3, ..Default::default() };
+    let place = SearchBox { free: &free, ranges: &ranges, known: &known, start: None, settings };
+    let found = search(&experiment, &place, 1, &|_| ()).unwrap();
+    let plain = experiment.objective_counts2(&found.values);
+    assert!(((found.objective_counts2 - plain) / plain).abs() < 1e-9, "{} {plain}", found.objective_counts2);
+    assert_eq!(found.generations.last().unwrap().best_counts2, found.objective_counts2);
 }
 
 /// Where a joint sticks or a command is at its limit, differences see the corner and derivatives one side of it; so the

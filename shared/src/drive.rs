@@ -61,5 +61,11 @@ pub fn centre_of_count<S: Scalar>(count: S) -> S {
 /// must be differentiated, inverse to [`centre_of_count`] away from zero.
 #[inline(always)]
 pub fn mean_count<S: Scalar>(position_counts: S) -> S {
-    position_counts - position_counts.clamp_abs(position_counts.constant(0.5))
+    position_counts - mean_count_shift(position_counts)
+}
+
+/// By how much a truncating encoder shows less on average than `position_counts`: half a count, toward zero.
+#[inline(always)]
+pub fn mean_count_shift<S: Scalar>(position_counts: S) -> S {
+    position_counts.clamp_abs(position_counts.constant(0.5))
 }

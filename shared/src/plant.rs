@@ -31,6 +31,16 @@ impl<S: Scalar> State<S> {
     }
 }
 
+/// A known motion that a state is counted from over one step: of constant velocity, with its pose at the middle of the
+/// step. Where the arm stays near such a motion its state is small, and single precision is enough to carry it.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<S> {
+    /// The pose half-way through the step.
+    pub middle: Pose<S>,
+    /// The velocity in rad/s.
+    pub velocity_rad_s: [S; 2],
+}
+
 /// An arm with its two drives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plant<S> {
@@ -106,6 +116,24 @@ impl<S: Scalar> Plant<S> {
 }
 
 impl<S: Scalar> PreparedPlant<S> {
+    /// A prepared plant in this number type: `number` is asked for every constant of it in turn, with a function that
+    /// gives this constant of one in double precision.
+    #[inline(always)]
+    pub fn from_constants(number: impl Fn(&dyn Fn(&PreparedPlant<f64>) -> f64) -> S) -> Self {
+        let pair =
+            |of: fn(&PreparedPlant<f64>) -> [f64; 2]| [number(&|plant| of(plant)[0]), number(&|plant| of(plant)[1])];
+        Self {
+            arm: Arm {
+                f: core::array::from_fn(|index| number(&|plant| plant.arm.f[index])),
+                gravity_m_s2: number(&|plant| plant.arm.gravity_m_s2),
+            },
+            gear_ratio: pair(|plant| plant.gear_ratio),
+            joint_viscous: pair(|plant| plant.joint_viscous),
+            joint_coulomb: pair(|plant| plant.joint_coulomb),
+            inverse_d22: number(&|plant| plant.inverse_d22),
+        }
+    }
+
     /// One step of `period_s` under motor torques held constant, by the implicit midpoint rule.
     ///
     /// Two fixed-point passes: the first predicts the midpoint with the old velocity, the second with the mean of
@@ -115,20 +143,47 @@ impl<S: Scalar> PreparedPlant<S> {
     pub fn step(&self, state: &State<S>, motor_torque_nm: [S; 2], period_s: S) -> State<S> {
         let half = period_s * period_s.constant(0.5);
         let [q2, q3] = state.position_rad;
-        let old = state.velocity_rad_s;
+        let [v2, v3] = state.velocity_rad_s;
+        let pose = Pose::at([half.mul_add(v2, q2), half.mul_add(v3, q3)]);
+        let still = period_s.constant(0.0);
+        self.step_by_midpoint(pose, [still; 2], state, motor_torque_nm, period_s)
+    }
+
+    /// [`Self::step`] with `state` counted from a moving frame, before and after. The same to the rounding as long as
+    /// the arm stays within π/4 of the frame; beyond, its pose is wrong.
+    #[inline(always)]
+    pub fn step_from(&self, frame: &Frame<S>, state: &State<S>, motor_torque_nm: [S; 2], period_s: S) -> State<S> {
+        let half = period_s * period_s.constant(0.5);
+        let [q2, q3] = state.position_rad;
+        let [v2, v3] = state.velocity_rad_s;
+        let pose = frame.middle.turned_within_eighth([half.mul_add(v2, q2), half.mul_add(v3, q3)]);
+        self.step_by_midpoint(pose, frame.velocity_rad_s, state, motor_torque_nm, period_s)
+    }
+
+    /// The two passes of the midpoint rule, from the middle that the old velocity leads to. `state` is counted from a
+    /// frame that moves with `carried` rad/s.
+    #[inline(always)]
+    fn step_by_midpoint(
+        &self,
+        pose: Pose<S>,
+        carried: [S; 2],
+        state: &State<S>,
+        motor_torque_nm: [S; 2],
+        period_s: S,
+    ) -> State<S> {
+        let half = period_s * period_s.constant(0.5);
+        let [q2, q3] = state.position_rad;
+        let [w2, w3] = state.velocity_rad_s;
+        let old = [carried[0] + w2, carried[1] + w3];
         let drive_torque_nm = self.drive_torque_nm(motor_torque_nm);
-        let pose = Pose::at([half.mul_add(old[0], q2), half.mul_add(old[1], q3)]);
-        let predicted = self.velocity_after(&pose, old, old, drive_torque_nm, period_s);
+        let predicted = self.velocity_after(&pose, old, carried, [w2, w3], drive_torque_nm, period_s);
         // Half of what the velocity is predicted to change by.
         let one_half = period_s.constant(0.5);
-        let shift = [(predicted[0] - old[0]) * one_half, (predicted[1] - old[1]) * one_half];
+        let shift = [(predicted[0] - w2) * one_half, (predicted[1] - w3) * one_half];
         let pose = pose.turned([half * shift[0], half * shift[1]]);
         let middle = [old[0] + shift[0], old[1] + shift[1]];
-        let new = self.velocity_after(&pose, middle, old, drive_torque_nm, period_s);
-        State {
-            position_rad: [half.mul_add(old[0] + new[0], q2), half.mul_add(old[1] + new[1], q3)],
-            velocity_rad_s: new,
-        }
+        let new = self.velocity_after(&pose, middle, carried, [w2, w3], drive_torque_nm, period_s);
+        State { position_rad: [half.mul_add(w2 + new[0], q2), half.mul_add(w3 + new[1], q3)], velocity_rad_s: new }
     }
 
     /// One step of `period_s` by symplectic Euler: velocity from the forces at the old position, position from the
@@ -139,7 +194,8 @@ impl<S: Scalar> PreparedPlant<S> {
         let [q2, q3] = state.position_rad;
         let old = state.velocity_rad_s;
         let drive_torque_nm = self.drive_torque_nm(motor_torque_nm);
-        let new = self.velocity_after(&Pose::at([q2, q3]), old, old, drive_torque_nm, period_s);
+        let still = [period_s.constant(0.0); 2];
+        let new = self.velocity_after(&Pose::at([q2, q3]), old, still, old, drive_torque_nm, period_s);
         State { position_rad: [period_s.mul_add(new[0], q2), period_s.mul_add(new[1], q3)], velocity_rad_s: new }
     }
 
@@ -161,58 +217,51 @@ impl<S: Scalar> PreparedPlant<S> {
         [self.gear_ratio[0] * motor_torque_nm[0], self.gear_ratio[1] * motor_torque_nm[1]]
     }
 
-    /// The velocity after `period_s`: smooth forces at `pose` and `force_velocity`, then Coulomb friction.
+    /// The velocity after `period_s`: smooth forces at `pose` and `force_velocity`, then Coulomb friction. The old and
+    /// the new velocity are counted from a frame that moves with `carried` rad/s.
     #[inline(always)]
     fn velocity_after(
         &self,
         pose: &Pose<S>,
         force_velocity: [S; 2],
+        carried: [S; 2],
         old_velocity: [S; 2],
         drive_torque_nm: [S; 2],
         period_s: S,
     ) -> [S; 2] {
         let inertia = self.arm.inertia(pose);
-        let h = self.arm.velocity_torque_nm(pose, force_velocity);
-        let g = self.arm.gravity_torque_nm(pose);
-        let [old2, old3] = old_velocity;
-        let [push2, push3] = [
-            period_s * self.smooth_torque_nm(0, force_velocity, drive_torque_nm, h, g),
-            period_s * self.smooth_torque_nm(1, force_velocity, drive_torque_nm, h, g),
-        ];
+        let unloaded = self.arm.less_gravity_torque_nm(drive_torque_nm, pose);
+        let smooth = self.arm.less_velocity_torque_nm(unloaded, pose, force_velocity);
+        let smooth2 = (-self.joint_viscous[0]).mul_add(force_velocity[0], smooth[0]);
+        let smooth3 = (-self.joint_viscous[1]).mul_add(force_velocity[1], smooth[1]);
+        let [old2, old3] = [carried[0] + old_velocity[0], carried[1] + old_velocity[1]];
+        let [push2, push3] = [period_s * smooth2, period_s * smooth3];
         let bound = [period_s * self.joint_coulomb[0], period_s * self.joint_coulomb[1]];
 
-        // Coulomb friction finds impulses λ with |λ_i| ≤ bound_i such that v = D⁻¹(m + λ), m = D v_old + push the
-        // momentum without it, has λ_i opposing v_i at its bound where v_i ≠ 0, and v_i zero where λ_i is inside: the
-        // minimiser of the convex ½ (m + λ)ᵀD⁻¹(m + λ) over the box. Minimising over one variable leaves a convex
-        // function of the other, so clamping in turn is exact and needs no iteration: λ2 of the unconstrained minimum,
-        // −m2, is clamped, λ3 follows and is clamped, then λ2 follows from that λ3.
-        let m2 = inertia.d11.mul_add(old2, inertia.d12.mul_add(old3, push2));
-        let m3 = inertia.d12.mul_add(old2, inertia.d22.mul_add(old3, push3));
+        // Coulomb friction finds impulses λ with |λ_i| ≤ bound_i such that v = v_old + D⁻¹(push + λ) has λ_i opposing v_i
+        // at its bound where v_i ≠ 0, and v_i zero where λ_i is inside: with m = D v_old + push the minimiser of the
+        // convex ½ (m + λ)ᵀD⁻¹(m + λ) over the box. Minimising over one variable leaves a convex function of the other,
+        // so clamping in turn is exact and needs no iteration: λ2 of the unconstrained minimum, −m2, is clamped, λ3
+        // follows and is clamped, then λ2 follows from that λ3. Of the momenta D v_old only what does not cancel is
+        // computed: a joint at rest beside one that moves fast would otherwise feel the rounding of the latter.
         let determinant = inertia.d11.mul_add(inertia.d22, -(inertia.d12 * inertia.d12));
         // One division serves the inverse of D and 1/D11.
         let both = period_s.constant(1.0) / (determinant * inertia.d11);
         let [inverse_d11, inverse_determinant] = [both * determinant, both * inertia.d11];
-        let left2 = m2 - m2.clamp_abs(bound[0]);
-        let impulse3 = (inertia.d12 * inverse_d11).mul_add(left2, -m3).clamp_abs(bound[1]);
-        let impulse2 = (inertia.d12 * self.inverse_d22).mul_add(m3 + impulse3, -m2).clamp_abs(bound[0]);
-        let [total2, total3] = [push2 + impulse2, push3 + impulse3];
-        let free2 = inverse_determinant.mul_add(inertia.d22.mul_add(total2, -(inertia.d12 * total3)), old2);
-        let free3 = inverse_determinant.mul_add(inertia.d11.mul_add(total3, -(inertia.d12 * total2)), old3);
+        let m2 = inertia.d11.mul_add(old2, inertia.d12.mul_add(old3, push2));
+        let left2 = push2 - m2.clamp_abs(bound[0]);
+        let alone3 = (inertia.d12 * inverse_d11).mul_add(left2, -push3);
+        let impulse3 = (-(determinant * inverse_d11)).mul_add(old3, alone3).clamp_abs(bound[1]);
+        let total3 = push3 + impulse3;
+        let alone2 = (inertia.d12 * self.inverse_d22).mul_add(total3, -push2);
+        let impulse2 = (-(determinant * self.inverse_d22)).mul_add(old2, alone2).clamp_abs(bound[0]);
+        let total2 = push2 + impulse2;
+        let free2 = inverse_determinant.mul_add(inertia.d22.mul_add(total2, -(inertia.d12 * total3)), old_velocity[0]);
+        let free3 = inverse_determinant.mul_add(inertia.d11.mul_add(total3, -(inertia.d12 * total2)), old_velocity[1]);
         // A joint whose bound is zero has |λ| = bound and so never sticks.
-        let zero = period_s.constant(0.0);
-        [S::select(impulse2.abs().less(bound[0]), zero, free2), S::select(impulse3.abs().less(bound[1]), zero, free3)]
-    }
-
-    #[inline(always)]
-    fn smooth_torque_nm(
-        &self,
-        joint: usize,
-        velocity_rad_s: [S; 2],
-        drive_torque_nm: [S; 2],
-        velocity_torque_nm: [S; 2],
-        gravity_torque_nm: [S; 2],
-    ) -> S {
-        let undamped = drive_torque_nm[joint] - velocity_torque_nm[joint] - gravity_torque_nm[joint];
-        (-self.joint_viscous[joint]).mul_add(velocity_rad_s[joint], undamped)
+        [
+            S::select(impulse2.abs().less(bound[0]), -carried[0], free2),
+            S::select(impulse3.abs().less(bound[1]), -carried[1], free3),
+        ]
     }
 }

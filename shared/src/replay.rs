@@ -10,6 +10,10 @@
 //!
 //! The model's encoder is never rounded: only its mean effect is kept ([`mean_count`]), so that derivatives exist.
 
+mod followed;
+
+pub use followed::{FollowedLoop, FollowedModel, FollowedSample};
+
 use crate::control::{PositionLaw, SampledTiming};
 use crate::drive::mean_count;
 use crate::machine::{Machine, PlainMachine};

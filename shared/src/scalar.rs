@@ -84,7 +84,8 @@ pub trait Scalar:
     fn sin_cos(self) -> (Self, Self) {
         let quarter = self * self.constant(0.25);
         let turns = (quarter * self.constant(core::f64::consts::FRAC_2_PI)).round_small();
-        let [high, middle, low] = Self::HALF_PI.map(|part| self.constant(-part));
+        let [high, middle, low] = Self::HALF_PI;
+        let [high, middle, low] = [self.constant(-high), self.constant(-middle), self.constant(-low)];
         let (mut sine, mut cosine) =
             turns.mul_add(low, turns.mul_add(middle, turns.mul_add(high, quarter))).sin_cos_within_eighth();
         for _ in 0..2 {
@@ -98,14 +99,23 @@ pub trait Scalar:
     #[inline(always)]
     fn sin_cos_within_eighth(self) -> (Self, Self) {
         let square = self * self;
-        let series = |coefficients: &[f64]| {
-            let mut highest_first = coefficients.iter().rev().map(|&coefficient| self.constant(coefficient));
-            let first = highest_first.next().unwrap_or(self);
-            highest_first.fold(first, |sum, coefficient| sum.mul_add(square, coefficient))
-        };
-        let sine = (square * self).mul_add(series(Self::SINE), self);
+        let sine = (square * self).mul_add(square.series(Self::SINE), self);
         let parabola = square.mul_add(self.constant(-0.5), self.constant(1.0));
-        (sine, (square * square).mul_add(series(Self::COSINE), parabola))
+        (sine, (square * square).mul_add(square.series(Self::COSINE), parabola))
+    }
+
+    /// The polynomial of `self` with these coefficients, lowest power first. A loop, not an iterator with closures: on
+    /// lanes those may be compiled apart, without the vector instructions of the code around them.
+    #[inline(always)]
+    fn series(self, coefficients: &[f64]) -> Self {
+        let [rest @ .., highest] = coefficients else { return self.constant(0.0) };
+        let mut left = rest;
+        let mut sum = self.constant(*highest);
+        while let [lower @ .., coefficient] = left {
+            sum = sum.mul_add(self, self.constant(*coefficient));
+            left = lower;
+        }
+        sum
     }
 
     /// The lesser of two numbers; NaN where `self` is NaN.

@@ -2,6 +2,7 @@
 
 mod certainty;
 mod explain;
+mod identify;
 mod paper;
 
 use clap::{Args, Subcommand};
@@ -23,6 +24,8 @@ enum What {
     Paper(paper::Paper),
     /// How near f comes to the truth on robots never seen, and whether its standard errors hold.
     Certainty(certainty::Certainty),
+    /// How many candidates a second identification judges, and how exactly.
+    Identify(identify::Identify),
 }
 
 impl Bench {
@@ -31,6 +34,7 @@ impl Bench {
             What::Explain(explain) => explain.run(),
             What::Paper(paper) => paper.run(),
             What::Certainty(certainty) => certainty.run(),
+            What::Identify(identify) => identify.run(),
         }
     }
 }

@@ -6,6 +6,7 @@ use shared::plant::{Plant, State};
 use shared::replay::{ClosedLoopTick, ReplaySettings};
 
 use super::IdentifyError;
+use super::followed::Followed;
 use super::low_pass::low_pass;
 use super::parameters::Values;
 use super::simulation::Simulation;
@@ -64,6 +65,8 @@ pub struct Segment {
     pub(crate) laws: [Law<f64>; 2],
     /// Which of the experiment's recordings it is part of.
     pub recording: usize,
+    /// The segment as a model takes it that is counted from the robot's own motion.
+    pub(super) followed: Followed,
 }
 
 /// A robot, the recordings made on it, and how a model repeats them.
@@ -147,7 +150,9 @@ impl<'a> Experiment<'a> {
         };
         let start = self.start(&measured_counts);
         let model_reference_counts = self.model_reference(&reference_counts);
+        let followed = Followed::new(self, &reference_counts, &actual, &measured_counts, &added_torque_nm);
         Segment {
+            followed,
             reference_counts,
             model_reference_counts,
             actual_counts: actual,

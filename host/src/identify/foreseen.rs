@@ -6,6 +6,7 @@ use shared::plant::State;
 use shared::replay::ClosedLoop;
 
 use super::experiment::{Experiment, Fineness, Segment, laws};
+use super::followed::Followed;
 use super::parameters::Values;
 use crate::robot::Robot;
 
@@ -65,6 +66,8 @@ impl<'a> Experiment<'a> {
             command_a,
             laws,
             recording: index,
+            // No one searches for what is known.
+            followed: Followed::default(),
             start_s: 0.0,
             start,
         }
