@@ -20,6 +20,7 @@ mod held_out;
 mod hypothesis;
 mod library;
 mod linear;
+mod next;
 mod noise;
 mod nulls;
 mod report;
@@ -31,10 +32,15 @@ mod simulate;
 mod threshold;
 mod trace;
 
+#[cfg(test)]
+mod tests;
+
 pub use audit::AuditError;
 pub use curves::Curve;
 pub use decide::Verdict;
-pub use findings::{Candidate, Explanation, Finding, FoundParameter, Gap};
+pub use findings::{BeforeAfter, Candidate, Explanation, Finding, FoundParameter, Gap};
+pub use next::NextTrajectory;
+pub use report::{Line, Picture};
 
 use crate::identify::{self, Experiment, IdentifyError, Parameter, Values};
 use crate::model::Model;
@@ -56,7 +62,9 @@ pub enum ExplainError {
     #[error(transparent)]
     Audit(#[from] AuditError),
     /// The model file names an effect that is not in the library.
-    #[error("the model has an effect \"{name}\" on joint \"{joint}\", which this tool does not know; remove it or update")]
+    #[error(
+        "the model has an effect \"{name}\" on joint \"{joint}\", which this tool does not know; remove it or update"
+    )]
     UnknownEffect {
         /// Its name.
         name: String,
@@ -66,6 +74,15 @@ pub enum ExplainError {
     /// The baseline is no arm.
     #[error("the baseline describes no possible arm; identify it again")]
     Impossible,
+}
+
+/// What to do beside explaining.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Seed of the null simulations, of the search of a baseline and of the movements tried.
+    pub seed: u64,
+    /// Whether to look for the movement that tells the members of a class apart.
+    pub design_next: bool,
 }
 
 /// Relative standard error below which no baseline is believed: mass changes with dust.
@@ -80,9 +97,10 @@ pub fn explain(
     recordings: &[Recording],
     check: &[Recording],
     model: Option<&Model>,
-    seed: u64,
+    options: &Options,
     progress: &(dyn Fn(&'static str) + Sync),
 ) -> Result<Explanation, ExplainError> {
+    let seed = options.seed;
     if recordings.is_empty() {
         return Err(IdentifyError::NoRecording.into());
     }
@@ -123,7 +141,12 @@ pub fn explain(
     };
     let decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
     progress("writing down what was found");
-    Ok(findings::explanation(&case, &decision, model, known.len(), priors))
+    let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
+    if options.design_next {
+        progress("looking for the next movement");
+        explanation.next_trajectory = findings::next(&case, &decision, &explanation);
+    }
+    Ok(explanation)
 }
 
 fn baseline(robot: &Robot, model: &Model, priors: bool) -> Baseline {
@@ -153,11 +176,7 @@ fn baseline(robot: &Robot, model: &Model, priors: bool) -> Baseline {
         Kind::SingleAxis => add(Parameter::F(6), model.f[6], model.f_standard_error.map(|errors| errors[6])),
     }
     for joint in 0..joints {
-        add(
-            Parameter::Viscous(joint),
-            model.viscous_nm_s_per_rad[joint],
-            of(&model.viscous_standard_error, joint),
-        );
+        add(Parameter::Viscous(joint), model.viscous_nm_s_per_rad[joint], of(&model.viscous_standard_error, joint));
         add(Parameter::Coulomb(joint), model.coulomb_nm[joint], of(&model.coulomb_standard_error, joint));
     }
     if robot.kind == Kind::SingleAxis {

@@ -106,9 +106,12 @@ impl CommandError {
                 _ => UNREACHABLE,
             },
             Self::Incomplete { board_lost: true, .. } => UNREACHABLE,
-            Self::Calibrate(_) | Self::Identify(_) | Self::Explain(_) | Self::Incomplete { .. } | Self::Failed(_) | Self::Output(_) => {
-                FAILED
-            }
+            Self::Calibrate(_)
+            | Self::Identify(_)
+            | Self::Explain(_)
+            | Self::Incomplete { .. }
+            | Self::Failed(_)
+            | Self::Output(_) => FAILED,
             Self::Usage(_) => USAGE,
         }
     }

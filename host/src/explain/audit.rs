@@ -193,9 +193,8 @@ pub fn current_sigma(experiment: &Experiment) -> Option<[f64; 2]> {
             .segments
             .iter()
             .flat_map(|segment| {
-                let rest = |k: usize| {
-                    segment.current_a[k][joint] - segment.command_a[k - 1][joint].clamp(-limit, limit)
-                };
+                let rest =
+                    |k: usize| segment.current_a[k][joint] - segment.command_a[k - 1][joint].clamp(-limit, limit);
                 (2..segment.current_a.len()).map(move |k| (rest(k) - rest(k - 1)).abs())
             })
             .collect();

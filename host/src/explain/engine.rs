@@ -102,7 +102,8 @@ impl<'a> Engine<'a> {
     /// χ² of the base parameters against what was known.
     pub fn prior_cost(&self, hypothesis: &Hypothesis) -> f64 {
         let each = hypothesis.unknowns(self.baseline).into_iter().zip(hypothesis.point());
-        each.filter_map(|(unknown, value)| unknown.prior.map(|[centre, sigma]| ((value - centre) / sigma).powi(2))).sum()
+        each.filter_map(|(unknown, value)| unknown.prior.map(|[centre, sigma]| ((value - centre) / sigma).powi(2)))
+            .sum()
     }
 
     /// Standard errors of a fitted hypothesis's parameters, in the order of its point; infinite for what was not free.

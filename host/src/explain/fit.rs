@@ -109,7 +109,8 @@ impl Refit<'_> {
 
     fn prior_cost(&self, values: &[f64]) -> f64 {
         let each = values.iter().zip(self.unknowns);
-        each.filter_map(|(value, unknown)| unknown.prior.map(|[centre, sigma]| ((value - centre) / sigma).powi(2))).sum()
+        each.filter_map(|(value, unknown)| unknown.prior.map(|[centre, sigma]| ((value - centre) / sigma).powi(2)))
+            .sum()
     }
 
     fn residuals(&self, points: &[Vec<f64>]) -> Vec<Option<Column>> {
@@ -146,9 +147,8 @@ impl Refit<'_> {
                 point
             })
             .collect();
-        let mut columns: Vec<Column> = (0..values.len())
-            .map(|i| self.known_columns.get(i).cloned().flatten().unwrap_or_default())
-            .collect();
+        let mut columns: Vec<Column> =
+            (0..values.len()).map(|i| self.known_columns.get(i).cloned().flatten().unwrap_or_default()).collect();
         for ((&i, step), stepped) in wanted.iter().zip(&steps).zip(self.residuals(&points)) {
             if let Some(stepped) = stepped {
                 columns[i] = residual.difference(&stepped, *step);
@@ -188,7 +188,9 @@ impl Refit<'_> {
             let best = points
                 .into_iter()
                 .zip(tried)
-                .filter_map(|(point, residual)| residual.map(|residual| (self.cost(&point, &residual), point, residual)))
+                .filter_map(|(point, residual)| {
+                    residual.map(|residual| (self.cost(&point, &residual), point, residual))
+                })
                 .min_by(|a, b| a.0.total_cmp(&b.0));
             let Some((best, point, left)) = best else { break };
             if best >= cost {

@@ -60,9 +60,8 @@ pub fn adapted(engine: &Engine, hypothesis: &Hypothesis, weights: &[f64]) -> Hyp
                 starts = vec![best];
             }
         }
-        let fits = starts
-            .into_iter()
-            .filter_map(|start| engine.refit(&current.with(start), weights, &[], Free::OfRecords, 5));
+        let fits =
+            starts.into_iter().filter_map(|start| engine.refit(&current.with(start), weights, &[], Free::OfRecords, 5));
         if let Some(best) = fits.min_by(|a, b| a.cost.total_cmp(&b.cost)) {
             current = best.hypothesis;
         }

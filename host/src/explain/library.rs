@@ -128,13 +128,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "viscous-friction",
         of_arm: false,
-        parameters: &[size(
-            "change_nm_s_per_rad",
-            "N m s/rad",
-            joint!(viscous_change_nm_s_per_rad),
-            1e-5,
-            ANY,
-        )],
+        parameters: &[size("change_nm_s_per_rad", "N m s/rad", joint!(viscous_change_nm_s_per_rad), 1e-5, ANY)],
         search: Search::Proportional(&[&[]]),
         equivalent: &["back-emf"],
         phrase: "a changed viscous friction",
@@ -150,13 +144,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "asymmetric-viscous-friction",
         of_arm: false,
-        parameters: &[size(
-            "difference_nm_s_per_rad",
-            "N m s/rad",
-            joint!(viscous_asymmetry_nm_s_per_rad),
-            1e-5,
-            ANY,
-        )],
+        parameters: &[size("difference_nm_s_per_rad", "N m s/rad", joint!(viscous_asymmetry_nm_s_per_rad), 1e-5, ANY)],
         search: Search::Proportional(&[&[]]),
         equivalent: &[],
         phrase: "viscous friction that differs by direction",
@@ -166,7 +154,7 @@ pub const LIBRARY: [Kind; 26] = [
         of_arm: false,
         parameters: &[
             size("extra_nm", "N m", joint!(stribeck_nm), 1e-3, ANY),
-            shape("velocity_rad_s", "rad/s", joint!(stribeck_velocity_rad_s), 0.05, [0.5, 60.0]),
+            shape("velocity_rad_s", "rad/s", joint!(stribeck_velocity_rad_s), 1e-3, [1e-3, 60.0]),
         ],
         search: Search::Proportional(&[&[3.0], &[6.0], &[12.0], &[24.0]]),
         equivalent: &[],
@@ -186,7 +174,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("amplitude_nm", "N m", joint!(position_friction_nm), 1e-3, ANY),
             phase("phase_rad", joint!(position_friction_phase_rad), false),
-            shape("order", "per joint turn", joint!(position_friction_order), 0.01, [0.5, 25.0]),
+            shape("order", "per joint turn", joint!(position_friction_order), 0.01, [0.2, 1e3]),
         ],
         search: Search::Wave(Some(&[1.2, 2.0, 2.8, 3.6, 4.4, 5.2, 6.0, 7.5, 9.0, 11.0, 13.0])),
         equivalent: &[],
@@ -203,13 +191,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "quadratic-friction",
         of_arm: false,
-        parameters: &[size(
-            "coefficient_nm_s2_per_rad2",
-            "N m s²/rad²",
-            joint!(quadratic_nm_s2_per_rad2),
-            1e-7,
-            ANY,
-        )],
+        parameters: &[size("coefficient_nm_s2_per_rad2", "N m s²/rad²", joint!(quadratic_nm_s2_per_rad2), 1e-7, ANY)],
         search: Search::Proportional(&[&[]]),
         equivalent: &[],
         phrase: "friction that grows with the square of the speed",
@@ -236,7 +218,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("amplitude", "", joint!(ripple_share), 1e-3, [-0.9, 0.9]),
             phase("phase_rad", joint!(ripple_phase_rad), true),
-            shape("order", "per motor turn", joint!(ripple_order), 1e-3, [0.2, 40.0]),
+            shape("order", "per motor turn", joint!(ripple_order), 1e-3, [0.05, 1e5]),
         ],
         search: Search::Wave(None),
         equivalent: &[],
@@ -248,7 +230,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("amplitude_nm", "N m", joint!(cogging_nm), 1e-3, ANY),
             phase("phase_rad", joint!(cogging_phase_rad), true),
-            shape("order", "per motor turn", joint!(cogging_order), 1e-3, [0.2, 40.0]),
+            shape("order", "per motor turn", joint!(cogging_order), 1e-3, [0.05, 1e5]),
         ],
         search: Search::Wave(None),
         equivalent: &[],
@@ -260,7 +242,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("amplitude_rad", "rad", joint!(transmission_error_rad), 1e-5, ANY),
             phase("phase_rad", joint!(transmission_error_phase_rad), true),
-            shape("order", "per motor turn", joint!(transmission_error_order), 1e-3, [0.2, 40.0]),
+            shape("order", "per motor turn", joint!(transmission_error_order), 1e-3, [0.05, 1e5]),
         ],
         search: Search::Wave(None),
         equivalent: &[],

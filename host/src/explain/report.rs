@@ -55,10 +55,7 @@ pub fn pictures(engine: &Engine, before: &Columns, after: &Columns, curves: &[Cu
             pictures.push(Picture {
                 title: format!("joint {}: torque the model lacks, recording {}", named.name, segment + 1),
                 axes: ["time, s".into(), "N m at the motor".into()],
-                lines: before_and_after(
-                    over_time(&torque[0][segment][joint]),
-                    over_time(&torque[1][segment][joint]),
-                ),
+                lines: before_and_after(over_time(&torque[0][segment][joint]), over_time(&torque[1][segment][joint])),
             });
         }
         let spectrum = |columns: &Columns| -> Vec<(f64, f64)> {
@@ -150,7 +147,9 @@ impl Explanation {
         for sentence in &self.sentences {
             write!(page, "<li>{}</li>", escaped(sentence))?;
         }
-        page.push_str("</ul><h2>Gap, counts rms</h2><table><tr><th></th><th>before</th><th>after</th><th>floor</th></tr>");
+        page.push_str(
+            "</ul><h2>Gap, counts rms</h2><table><tr><th></th><th>before</th><th>after</th><th>floor</th></tr>",
+        );
         let row = |name: &str, before: f64, after: f64| {
             format!("<tr><td>{name}</td><td>{before:.4}</td><td>{after:.4}</td><td>{:.4}</td></tr>", self.gap.floor)
         };

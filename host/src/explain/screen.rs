@@ -71,10 +71,8 @@ impl Feature {
                 Some(Instance::new(kind, self.joint, &values, self.records))
             }
             Form::Wave(shape) => {
-                let waves: Vec<(f64, f64)> = coefficients
-                    .chunks(2)
-                    .map(|pair| (pair[0].hypot(pair[1]), (-pair[1]).atan2(pair[0])))
-                    .collect();
+                let waves: Vec<(f64, f64)> =
+                    coefficients.chunks(2).map(|pair| (pair[0].hypot(pair[1]), (-pair[1]).atan2(pair[0]))).collect();
                 let size = waves.iter().map(|wave| wave.0).sum::<f64>() / waves.len() as f64;
                 let first = &kind.parameters[0];
                 let mut shape = shape.iter().copied();
@@ -197,12 +195,14 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
             if has {
                 continue;
             }
+            let scale = scan::scale(stage, kind, joint);
             let new = |values: &[f64]| Instance::new(kind, joint, values, records);
             let mut add = |form, points, masked| planned.push(Planned { kind, joint, form, points, masked });
             match kind.search {
                 Search::Proportional(shapes) => {
                     let step = kind.parameters[0].step * 3.0;
                     for shape in shapes {
+                        let shape: Vec<f64> = shape.iter().map(|value| value * scale).collect();
                         let values: Vec<f64> = std::iter::once(step).chain(shape.iter().copied()).collect();
                         add(Form::Proportional(shape.to_vec()), vec![(new(&values), step)], false);
                     }
@@ -218,7 +218,7 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
                     };
                     let step = kind.parameters[0].step * 3.0;
                     let per_record = kind.parameters.iter().any(|parameter| parameter.per_record);
-                    for &order in orders {
+                    for order in orders.iter().map(|order| order * scale) {
                         let at = |phase: f64| {
                             let value = |role: Role| match role {
                                 Role::Size => step,
@@ -331,5 +331,9 @@ pub fn cleaned_noise(stage: &Stage, features: &[Feature], threshold: f64, most: 
 /// Variance of the white part of a stage's innovations, at least that of rounding.
 pub fn white(stage: &Stage) -> [f64; 2] {
     let rounding = if stage.setting.experiment.robot.quantised { 1.0 / 12.0 } else { 1e-6 };
-    stage.setting.rows.white_power(stage.innovations).map(|power| if power.is_finite() { power.max(rounding) } else { rounding })
+    stage
+        .setting
+        .rows
+        .white_power(stage.innovations)
+        .map(|power| if power.is_finite() { power.max(rounding) } else { rounding })
 }

@@ -18,6 +18,9 @@ const GROUPS: usize = 1;
 /// Models simulated side by side.
 pub const LANES: usize = 8 * GROUPS;
 
+/// Integration steps a record period of a closed loop that is shown.
+const CLOSED_LOOP_SUBSTEPS: u32 = 20;
+
 /// Numbers in lanes.
 type Wide<S> = Lanes<S, f64x8<S>, GROUPS>;
 
@@ -71,12 +74,7 @@ struct OfSegment {
 /// All candidates side by side, if the processor can. The wide instructions alone: the code for each set of them is
 /// large, and the narrow ones gain little over plain numbers.
 #[cfg(target_arch = "x86_64")]
-fn on_vectors(
-    level: Level,
-    experiment: &Experiment,
-    index: usize,
-    candidates: &[Candidate],
-) -> Option<Vec<OfSegment>> {
+fn on_vectors(level: Level, experiment: &Experiment, index: usize, candidates: &[Candidate]) -> Option<Vec<OfSegment>> {
     // A loop faster than the recording has commands between the samples: another simulation, and a rare one.
     if experiment.commands_are_missing() {
         return None;
@@ -106,16 +104,12 @@ fn alone(experiment: &Experiment, index: usize, candidate: &Candidate) -> OfSegm
     let segment = &experiment.segments[index];
     let mut left = nothing(segment, 1);
     let mut left = left.remove(0);
-    simulation.innovations_and_motion(
-        segment,
-        &experiment.settings(INNOVATION_SUBSTEPS),
-        |k, innovation, motion| {
-            for joint in 0..2 {
-                left.innovations[joint].push(innovation[joint]);
-                left.current[joint].push(segment.current_a[k][joint] - motion.current_a[joint]);
-            }
-        },
-    );
+    simulation.innovations_and_motion(segment, &experiment.settings(INNOVATION_SUBSTEPS), |k, innovation, motion| {
+        for joint in 0..2 {
+            left.innovations[joint].push(innovation[joint]);
+            left.current[joint].push(segment.current_a[k][joint] - motion.current_a[joint]);
+        }
+    });
     left
 }
 
@@ -156,20 +150,23 @@ fn under_commands<P: Movable>(
     let machine = simulation.plant.machine();
     let period_s = experiment.robot.record_period_s;
     let omega = std::f64::consts::TAU * CORRECTION_HZ;
-    let [position_gain, velocity_gain, substep_s] =
-        [2.0 * CORRECTION_DAMPING * omega * period_s, omega * omega * period_s, period_s / f64::from(INNOVATION_SUBSTEPS)]
-            .map(|value| machine.number(value));
+    let [position_gain, velocity_gain, substep_s] = [
+        2.0 * CORRECTION_DAMPING * omega * period_s,
+        omega * omega * period_s,
+        period_s / f64::from(INNOVATION_SUBSTEPS),
+    ]
+    .map(|value| machine.number(value));
     let counts_per_rad = machine.counts_per_rad();
     let per_count = [machine.number(1.0) / counts_per_rad[0], machine.number(1.0) / counts_per_rad[1]];
     let mut motion = Simulation::<P>::start(&machine, segment);
-    let mut previous = machine.input([machine.number(segment.command_a[0][0]), machine.number(segment.command_a[0][1])]);
+    let mut previous =
+        machine.input([machine.number(segment.command_a[0][0]), machine.number(segment.command_a[0][1])]);
     motion = machine.begun(&motion, previous);
     let lateness = experiment.robot.command_delay_s * f64::from(INNOVATION_SUBSTEPS) / period_s;
     for k in 0..segment.error_counts.len() {
         let modelled = machine.position_counts(&motion);
         let measured = segment.measured_counts[k];
-        let innovation =
-            [machine.number(measured[0]) - modelled[0], machine.number(measured[1]) - modelled[1]];
+        let innovation = [machine.number(measured[0]) - modelled[0], machine.number(measured[1]) - modelled[1]];
         sample(k, innovation, &motion);
         let radians = [innovation[0] * per_count[0], innovation[1] * per_count[1]];
         motion = machine.corrected(
@@ -193,14 +190,13 @@ fn under_commands<P: Movable>(
 
 fn nothing(segment: &Segment, candidates: usize) -> Vec<OfSegment> {
     let column = || Vec::with_capacity(segment.error_counts.len());
-    (0..candidates)
-        .map(|_| OfSegment { innovations: [column(), column()], current: [column(), column()] })
-        .collect()
+    (0..candidates).map(|_| OfSegment { innovations: [column(), column()], current: [column(), column()] }).collect()
 }
 
 #[inline(always)]
 fn extended<S: Simd>(machine: S, experiment: &Experiment, index: usize, candidates: &[Candidate]) -> Vec<OfSegment> {
-    let plants: Vec<ExtendedPlant<f64>> = candidates.iter().map(|candidate| of_segment(experiment, index, candidate)).collect();
+    let plants: Vec<ExtendedPlant<f64>> =
+        candidates.iter().map(|candidate| of_segment(experiment, index, candidate)).collect();
     let number = |constant: &dyn Fn(&ExtendedPlant<f64>) -> f64| {
         let values = gathered(&plants, constant);
         Wide::<S>::from_fn(machine, |lane| values[lane])
@@ -222,6 +218,16 @@ fn extended<S: Simd>(machine: S, experiment: &Experiment, index: usize, candidat
 fn of_segment(experiment: &Experiment, index: usize, candidate: &Candidate) -> ExtendedPlant<f64> {
     let effects = candidate.effects.get(index).copied().unwrap_or(neutral(experiment));
     ExtendedPlant { plant: candidate.plant, effects }
+}
+
+/// The commands in A that the robot's own law gives on a model in its loop, finely integrated.
+pub fn closed_loop_commands(experiment: &Experiment, index: usize, candidate: &Candidate) -> Vec<[f64; 2]> {
+    let simulation = Simulation { experiment, plant: of_segment(experiment, index, candidate) };
+    let segment = &experiment.segments[index];
+    let mut commands = Vec::with_capacity(segment.error_counts.len());
+    simulation
+        .closed_loop(segment, &experiment.settings(CLOSED_LOOP_SUBSTEPS), |_, tick, _| commands.push(tick.command_a));
+    commands
 }
 
 /// No effect at all, for this kind of robot.

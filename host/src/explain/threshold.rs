@@ -15,13 +15,7 @@ use nalgebra::{DMatrix, DVector};
 pub const NULLS: usize = 48;
 
 /// The largest score of each null simulation: ΔBIC of the best feature beside the base.
-pub fn null_scores(
-    engine: &Engine,
-    fitted: &Fitted,
-    features: &[Feature],
-    noise: &Noise,
-    seed: u64,
-) -> Vec<f64> {
+pub fn null_scores(engine: &Engine, fitted: &Fitted, features: &[Feature], noise: &Noise, seed: u64) -> Vec<f64> {
     let weights = engine.weights(noise);
     let Some(model) = fitted.hypothesis.candidate(engine.baseline, engine.setting.experiment) else {
         return Vec::new();
@@ -50,10 +44,8 @@ pub fn null_scores(
     }
     // Every feature's columns with the base taken out, orthonormal: a score is then a sum of squared products.
     let square: Vec<f64> = weights.iter().map(|w| w * w).collect();
-    let projected: Vec<Vec<(Vec<f64>, DVector<f64>)>> = features
-        .par_iter()
-        .map(|feature| orthonormal(&fitted.columns, &normal, &feature.columns, &weights))
-        .collect();
+    let projected: Vec<Vec<(Vec<f64>, DVector<f64>)>> =
+        features.par_iter().map(|feature| orthonormal(&fitted.columns, &normal, &feature.columns, &weights)).collect();
     let rows: Vec<Vec<f64>> = nulls.par_iter().map(|columns| engine.setting.rows.of(columns)).collect();
     let penalty = (engine.setting.rows.count() as f64).ln();
     let mut random = Random::new(seed, 0x7072_696f);
@@ -75,9 +67,10 @@ pub fn null_scores(
                     })
                     .sum()
             };
-            let scores = projected.iter().zip(features).map(|(directions, feature)| {
-                of(directions) - feature.parameters as f64 * penalty
-            });
+            let scores = projected
+                .iter()
+                .zip(features)
+                .map(|(directions, feature)| of(directions) - feature.parameters as f64 * penalty);
             scores.fold(f64::NEG_INFINITY, f64::max)
         })
         .collect()

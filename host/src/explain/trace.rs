@@ -46,7 +46,9 @@ fn trace(experiment: &Experiment, segment: &Segment) -> Trace {
         Some(robot) => segment
             .command_a
             .iter()
-            .map(|pair| pair[joint].clamp(-robot.current_limit_a, robot.current_limit_a) * robot.torque_constant_nm_per_a)
+            .map(|pair| {
+                pair[joint].clamp(-robot.current_limit_a, robot.current_limit_a) * robot.torque_constant_nm_per_a
+            })
             .collect(),
         None => vec![0.0; samples],
     });

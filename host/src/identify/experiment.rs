@@ -144,7 +144,8 @@ impl<'a> Experiment<'a> {
             command_a,
             added_torque_nm,
             current_a: pairs(&recording.current_a),
-            start_s: f64::from(recording.tick[range.start].wrapping_sub(recording.tick[0])) * self.timing.record_period_s,
+            start_s: f64::from(recording.tick[range.start].wrapping_sub(recording.tick[0]))
+                * self.timing.record_period_s,
             start,
         }
     }
