@@ -180,7 +180,7 @@ impl Case<'_> {
             let scored = screen::score(&base, &features, rows.count());
             let starts = shortlist(&base, &features, &scored, threshold, &weights);
             (self.progress)("refitting what leads");
-            let confirmed = self.confirm(&current, starts, &weights);
+            let confirmed = self.confirm(&current, starts, &weights, round == 0);
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
             rivals.extend(confirmed.iter().map(|(rival, _)| rival.clone()));
             if best.delta_bic < threshold {
@@ -218,7 +218,12 @@ impl Case<'_> {
         let penalty = (train.setting.rows.count() as f64).ln();
         let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
         for start in starts {
-            let hypothesis = current.hypothesis.with(start);
+            let mut hypothesis = current.hypothesis.with(start);
+            if from_baseline {
+                // The refit without the effect may have swallowed it: with the base where that left it, an effect of
+                // the same kind has nothing to explain.
+                hypothesis.base = train.baseline.values.of(&train.baseline.free);
+            }
             let Some(alone) = train.refit(&hypothesis, weights, &current.columns, Free::Last, 3) else { continue };
             let Some(fitted) = train.refit(&alone.hypothesis, weights, &current.columns, Free::All, 4) else {
                 continue;
