@@ -213,7 +213,13 @@ impl Case<'_> {
     }
 
     /// Refits the shortlisted effects beside `current`, best first.
-    fn confirm(&self, current: &Fitted, starts: Vec<Instance>, weights: &[f64]) -> Vec<(Rival, Fitted)> {
+    fn confirm(
+        &self,
+        current: &Fitted,
+        starts: Vec<Instance>,
+        weights: &[f64],
+        from_baseline: bool,
+    ) -> Vec<(Rival, Fitted)> {
         let train = &self.train;
         let penalty = (train.setting.rows.count() as f64).ln();
         let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
