@@ -20,6 +20,7 @@ mod held_out;
 mod hypothesis;
 mod library;
 mod linear;
+mod next;
 mod noise;
 mod nulls;
 mod report;
@@ -31,10 +32,15 @@ mod simulate;
 mod threshold;
 mod trace;
 
+#[cfg(test)]
+mod tests;
+
 pub use audit::AuditError;
 pub use curves::Curve;
 pub use decide::Verdict;
-pub use findings::{Candidate, Explanation, Finding, FoundParameter, Gap};
+pub use findings::{BeforeAfter, Candidate, Explanation, Finding, FoundParameter, Gap};
+pub use next::NextTrajectory;
+pub use report::{Line, Picture};
 
 use crate::identify::{self, Experiment, IdentifyError, Parameter, Values};
 use crate::model::Model;
@@ -70,6 +76,15 @@ pub enum ExplainError {
     Impossible,
 }
 
+/// What to do beside explaining.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Seed of the null simulations, of the search of a baseline and of the movements tried.
+    pub seed: u64,
+    /// Whether to look for the movement that tells the members of a class apart.
+    pub design_next: bool,
+}
+
 /// Relative standard error below which no baseline is believed: mass changes with dust.
 const LEAST_RELATIVE_ERROR: f64 = 2e-4;
 
@@ -82,9 +97,10 @@ pub fn explain(
     recordings: &[Recording],
     check: &[Recording],
     model: Option<&Model>,
-    seed: u64,
+    options: &Options,
     progress: &(dyn Fn(&'static str) + Sync),
 ) -> Result<Explanation, ExplainError> {
+    let seed = options.seed;
     if recordings.is_empty() {
         return Err(IdentifyError::NoRecording.into());
     }
@@ -125,7 +141,12 @@ pub fn explain(
     };
     let decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
     progress("writing down what was found");
-    Ok(findings::explanation(&case, &decision, model, known.len(), priors))
+    let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
+    if options.design_next {
+        progress("looking for the next movement");
+        explanation.next_trajectory = findings::next(&case, &decision, &explanation);
+    }
+    Ok(explanation)
 }
 
 fn baseline(robot: &Robot, model: &Model, priors: bool) -> Baseline {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use armid::explain::{Explanation, explain};
+use armid::explain::{Explanation, Options, explain};
 use armid::model::Model;
 use clap::Args;
 
@@ -32,6 +32,9 @@ pub struct Explain {
     /// Model file to write: the baseline refitted, with the named effects
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Movement file to write: the movement that best tells apart what these recordings cannot
+    #[arg(long, value_name = "FILE")]
+    next: Option<PathBuf>,
     /// Report page to write: one HTML file with its pictures inside
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -54,7 +57,7 @@ impl Explain {
             recording.check_conditions(&robot)?;
         }
         let model = self.model.as_ref().map(|path| Model::read(path, &robot)).transpose()?;
-        for out in self.out.iter().chain(&self.report) {
+        for out in self.out.iter().chain(&self.report).chain(&self.next) {
             let inputs = [with_sidecars(&fitted), with_sidecars(&kept_back)].concat();
             check_outputs([out.as_path()], inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
         }
@@ -64,13 +67,19 @@ impl Explain {
             );
         }
         let bar = progress::bar("explain", 0);
-        let explanation = explain(&robot, &recordings, &check, model.as_ref(), self.seed, &|stage| {
+        let options = Options { seed: self.seed, design_next: self.next.is_some() };
+        let explanation = explain(&robot, &recordings, &check, model.as_ref(), &options, &|stage| {
             bar.set_message(stage);
             bar.tick();
         })?;
         bar.finish_and_clear();
         if let Some(out) = &self.out {
             explanation.model.write(out)?;
+        }
+        match (&self.next, &explanation.next_trajectory) {
+            (Some(path), Some(next)) => armid::write_file(path, next.toml.as_bytes())?,
+            (Some(_), None) => advise("there is no class to tell apart: no movement was written"),
+            _ => {}
         }
         if let Some(report) = &self.report {
             let page = explanation.to_html(&robot.name).map_err(|error| CommandError::Failed(error.to_string()))?;

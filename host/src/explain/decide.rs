@@ -26,6 +26,8 @@ const CLEANED: usize = 6;
 pub const MOST_TORQUE_NOISE: f64 = 0.035;
 /// Within this factor of the floor a gap is closed.
 pub const CLOSED: f64 = 1.1;
+/// Recordings kept back are closed within this factor: they have nothing fitted to them.
+const HELD_OUT_CLOSED: f64 = 1.25;
 /// While the gap is this close to the floor nothing more is looked for.
 const ENOUGH: f64 = 1.02;
 /// Effects together explain at least this share of the excess to be named, and this much to be named in part.
@@ -46,8 +48,6 @@ pub struct Rival {
     pub delta_bic: f64,
     /// Gap on the recordings kept back, or on those fitted without any.
     pub held_out_gap: f64,
-    /// In which round.
-    pub round: usize,
 }
 
 /// An effect that was taken.
@@ -80,8 +80,6 @@ pub enum Verdict {
 pub struct Decision {
     /// The verdict.
     pub verdict: Verdict,
-    /// The base parameters refitted alone.
-    pub null: Fitted,
     /// The final model.
     pub fitted: Fitted,
     /// What it was named by, in the order of acceptance.
@@ -102,14 +100,10 @@ pub struct Decision {
     pub before: f64,
     /// Of the final model.
     pub after: f64,
-    /// On the recordings kept back: floor, baseline and final model.
-    pub held_out: Option<[f64; 3]>,
+    /// On the recordings kept back: of the baseline as given and of the final model.
+    pub held_out: Option<[f64; 2]>,
     /// Share of the excess χ² that the effects explain.
     pub share: f64,
-    /// χ² of the base parameters against what was known.
-    pub prior_cost: f64,
-    /// The final model with phases and instants of the recordings kept back.
-    pub held_out_hypothesis: Option<super::hypothesis::Hypothesis>,
 }
 
 /// What an explanation works on.
@@ -146,8 +140,14 @@ impl Case<'_> {
         let mut null: Option<Fitted> = None;
         let mut null_innovations = Columns::new();
         let (mut null_score, mut threshold) = (0.0, f64::INFINITY);
+        let white: Noise = flat;
         for round in 0..=MOST_EFFECTS {
             let innovations = train.innovations(&current.hypothesis);
+            if round > 0 && train.gap(&innovations) <= ENOUGH * train.floor(&white) {
+                // Nothing but rounding is left: no noise either.
+                noise = noise::most_likely(rows, &current.residual.motion, white.map(|n| n.white_counts2), 6.0);
+                break;
+            }
             let stage = train.stage(&current, &innovations);
             (self.progress)("screening the library");
             let features = screen::features(&stage, &train.weights(&noise));
@@ -180,7 +180,7 @@ impl Case<'_> {
             let scored = screen::score(&base, &features, rows.count());
             let starts = shortlist(&base, &features, &scored, threshold, &weights);
             (self.progress)("refitting what leads");
-            let confirmed = self.confirm(&current, starts, &weights, round);
+            let confirmed = self.confirm(&current, starts, &weights, round == 0);
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
             rivals.extend(confirmed.iter().map(|(rival, _)| rival.clone()));
             if best.delta_bic < threshold {
@@ -213,12 +213,23 @@ impl Case<'_> {
     }
 
     /// Refits the shortlisted effects beside `current`, best first.
-    fn confirm(&self, current: &Fitted, starts: Vec<Instance>, weights: &[f64], round: usize) -> Vec<(Rival, Fitted)> {
+    fn confirm(
+        &self,
+        current: &Fitted,
+        starts: Vec<Instance>,
+        weights: &[f64],
+        from_baseline: bool,
+    ) -> Vec<(Rival, Fitted)> {
         let train = &self.train;
         let penalty = (train.setting.rows.count() as f64).ln();
         let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
         for start in starts {
-            let hypothesis = current.hypothesis.with(start);
+            let mut hypothesis = current.hypothesis.with(start);
+            if from_baseline {
+                // The refit without the effect may have swallowed it: with the base where that left it, an effect of
+                // the same kind has nothing to explain.
+                hypothesis.base = train.baseline.values.of(&train.baseline.free);
+            }
             let Some(alone) = train.refit(&hypothesis, weights, &current.columns, Free::Last, 3) else { continue };
             let Some(fitted) = train.refit(&alone.hypothesis, weights, &current.columns, Free::All, 4) else {
                 continue;
@@ -228,7 +239,7 @@ impl Case<'_> {
             let delta_bic = current.cost - fitted.cost - parameters * penalty;
             let key = (instance.kind.name, instance.joint);
             let same = |rival: &Rival| (rival.instance.kind.name, rival.instance.joint) == key;
-            let rival = Rival { instance, delta_bic, held_out_gap: f64::NAN, round };
+            let rival = Rival { instance, delta_bic, held_out_gap: f64::NAN };
             match confirmed.iter_mut().find(|(other, _)| same(other)) {
                 Some(other) if other.0.delta_bic < delta_bic => *other = (rival, fitted),
                 Some(_) => {}
@@ -238,11 +249,9 @@ impl Case<'_> {
         confirmed.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
         for (rival, fitted) in &mut confirmed {
             rival.held_out_gap = match &self.check {
-                Some(check) => check.gap(&check.innovations(&adapted(
-                    check,
-                    &fitted.hypothesis,
-                    &check_weights(check, weights, train),
-                ))),
+                Some(check) => {
+                    check.gap(&check.innovations(&adapted(check, &fitted.hypothesis, &check_weights(check))))
+                }
                 None => train.gap(&train.innovations(&fitted.hypothesis)),
             };
         }
@@ -298,11 +307,31 @@ impl Case<'_> {
         let train = &self.train;
         let plausible = train.plausible(&noise, MOST_TORQUE_NOISE);
         let weights = train.weights(&plausible);
-        let floor = train.floor(&plausible);
+        let mut floor = train.floor(&plausible);
         let final_innovations = train.innovations(&fitted.hypothesis);
         let after = train.gap(&final_innovations);
+        let mut held_out = None;
+        let mut foretold = share_unknown();
+        if let Some(check) = &self.check {
+            let weights = check.weights(&plausible);
+            let best = adapted(check, &fitted.hypothesis, &weights);
+            let first = adapted(check, &start, &weights);
+            let best_innovations = check.innovations(&best);
+            held_out = Some([check.gap(&check.innovations(&first)), check.gap(&best_innovations)]);
+            // A few seconds of slow noise are louder or quieter by chance: the floor is that of the louder recordings,
+            // as far as it can be noise at all.
+            let rows = check.setting.rows.of(&best_innovations);
+            let own = noise::most_likely(check.setting.rows, &rows, plausible.map(|n| n.white_counts2), 0.0);
+            floor = floor.max(check.floor(&check.plausible(&own, MOST_TORQUE_NOISE)));
+            // What the effects bring beyond base parameters alone, where nothing was fitted.
+            let alone = check.gap(&check.innovations(&adapted(check, &null.hypothesis, &weights)));
+            let after = check.gap(&best_innovations);
+            let excess = alone * alone - floor * floor;
+            foretold = if excess > 0.0 { (alone * alone - after * after) / excess } else { 1.0 };
+        }
         // What noise like this leaves of χ².
-        let expected = train.setting.rows.count() as f64 + fitted.residual.current.len() as f64;
+        let current = |fitted: &Fitted| fitted.residual.current.iter().map(|x| x * x).sum::<f64>();
+        let expected = train.setting.rows.count() as f64 + current(&fitted).min(current(&null));
         let (null_cost, final_cost) = (train.cost(&null, &weights), train.cost(&fitted, &weights));
         let excess = null_cost - expected.min(final_cost);
         let share = if excess > 0.0 { ((null_cost - final_cost) / excess).clamp(0.0, 1.0) } else { 0.0 };
@@ -312,24 +341,15 @@ impl Case<'_> {
         let gap_complains = after > CLOSED * floor;
         let verdict = if accepted.is_empty() {
             if gap_complains || priors_complain { Verdict::Unknown } else { Verdict::None }
-        } else if share >= NAMED_SHARE && !gap_complains {
+        } else if share >= NAMED_SHARE && !gap_complains && held_out_agrees(held_out, floor) {
             Verdict::Named
-        } else if share >= PARTIAL_SHARE {
+        } else if share >= PARTIAL_SHARE && foretold >= PARTIAL_SHARE {
             Verdict::Partial
         } else {
             Verdict::Unknown
         };
-        let (mut held_out, mut held_out_hypothesis) = (None, None);
-        if let Some(check) = &self.check {
-            let weights = check_weights_of(check, &plausible);
-            let best = adapted(check, &fitted.hypothesis, &weights);
-            let first = adapted(check, &start, &weights);
-            held_out = Some([floor, check.gap(&check.innovations(&first)), check.gap(&check.innovations(&best))]);
-            held_out_hypothesis = Some(best);
-        }
         Decision {
             verdict,
-            null,
             fitted,
             accepted,
             rivals,
@@ -342,19 +362,22 @@ impl Case<'_> {
             after,
             held_out,
             share,
-            prior_cost,
-            held_out_hypothesis,
         }
     }
 }
 
-/// Weights of other recordings' rows under a noise.
-fn check_weights_of(check: &Engine, noise: &Noise) -> Vec<f64> {
-    check.weights(noise)
+/// Without recordings kept back nothing speaks against the effects.
+fn share_unknown() -> f64 {
+    1.0
 }
 
-/// Weights of other recordings' rows as good as those of the recordings fitted: white is enough to find phases by.
-fn check_weights(check: &Engine, _weights: &[f64], _train: &Engine) -> Vec<f64> {
+/// Whether the recordings kept back are closed as well, or nearly, and no worse than with the baseline.
+fn held_out_agrees(held_out: Option<[f64; 2]>, floor: f64) -> bool {
+    held_out.is_none_or(|[before, after]| after <= HELD_OUT_CLOSED * floor && after <= before.max(CLOSED * floor))
+}
+
+/// Weights that phases and instants of other recordings are found by.
+fn check_weights(check: &Engine) -> Vec<f64> {
     let rounding = if check.setting.experiment.robot.quantised { 1.0 / 12.0 } else { 1.0 };
     check.weights(&[noise::JointNoise::white(rounding); 2])
 }

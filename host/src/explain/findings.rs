@@ -6,7 +6,9 @@ use serde::Serialize;
 
 use super::curves::{Curve, curves};
 use super::decide::{Case, Decision, MOST_TORQUE_NOISE, Verdict};
+use super::hypothesis::Hypothesis;
 use super::library::{Instance, LIBRARY, Role};
+use super::next::{NextTrajectory, next_trajectory};
 use super::report::{Picture, pictures};
 use crate::identify::Parameter;
 use crate::model::{Effect, Model};
@@ -107,6 +109,8 @@ pub struct Explanation {
     pub pictures: Vec<Picture>,
     /// Closed-loop force gap in N (N m) rms per joint, before and after, where the recording holds the command itself.
     pub force_gap_rms: Option<[f64; 2]>,
+    /// The movement that best tells the members of a class apart, where that was asked for and there is a class.
+    pub next_trajectory: Option<NextTrajectory>,
     /// The seed of the null simulations.
     pub seed: u64,
 }
@@ -131,7 +135,9 @@ impl Explanation {
             "effects": self.effects,
             "gap": self.gap,
             "candidates": self.candidates,
-            "next_trajectory": null_value(),
+            "next_trajectory": self.next_trajectory.as_ref().map(|next| {
+                serde_json::json!({ "between": next.between, "distance_chi2": next.distance, "toml": next.toml })
+            }),
             "explained_share": self.explained_share,
             "largest_null_score": self.threshold[0],
             "threshold": self.threshold[1],
@@ -141,10 +147,6 @@ impl Explanation {
             "seed": self.seed,
         })
     }
-}
-
-fn null_value() -> serde_json::Value {
-    serde_json::Value::Null
 }
 
 /// A curve that foretells less than this of the residual torque says nothing.
@@ -188,7 +190,7 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
         } else {
             decision.before.min(null_gap(case, decision))
         },
-        held_out: decision.held_out.map(|[_, before, after]| BeforeAfter { before, after }),
+        held_out: decision.held_out.map(|[before, after]| BeforeAfter { before, after }),
     };
     let candidates = decision
         .rivals
@@ -205,7 +207,7 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
     let pictures = pictures(train, &decision.innovations[0], after, &shape);
     let tried = |name: &str| decision.rivals.iter().any(|rival| rival.instance.kind.name == name);
     let ruled_out = LIBRARY.iter().filter(|kind| !tried(kind.name)).map(|kind| kind.name.to_string()).collect();
-    let mut sentences = sentences(case, decision, &found, &gap, priors);
+    let mut sentences = sentences(case, decision, &found, &gap, known, priors);
     if matches!(decision.verdict, Verdict::Unknown | Verdict::Partial)
         && let Some(curve) = shape.first()
     {
@@ -236,7 +238,8 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
         shape,
         ruled_out,
         pictures,
-        force_gap_rms: None,
+        force_gap_rms: force_gap(case, decision, known, named),
+        next_trajectory: None,
         seed: case.seed,
     }
 }
@@ -398,7 +401,14 @@ fn place(case: &Case, decision: &Decision, instance: &Instance) -> String {
     format!("{joint_words}{}; {:.0} % of the excess explained", best.1, 100.0 * decision.share)
 }
 
-fn sentences(case: &Case, decision: &Decision, found: &[(Finding, Instance)], gap: &Gap, priors: bool) -> Vec<String> {
+fn sentences(
+    case: &Case,
+    decision: &Decision,
+    found: &[(Finding, Instance)],
+    gap: &Gap,
+    known: usize,
+    priors: bool,
+) -> Vec<String> {
     let mut sentences = Vec::new();
     let train = &case.train;
     let robot = train.setting.experiment.robot;
@@ -461,6 +471,9 @@ fn sentences(case: &Case, decision: &Decision, found: &[(Finding, Instance)], ga
             ));
         }
     }
+    if let Some([before, after]) = force_gap(case, decision, known, decision.verdict != Verdict::Unknown) {
+        sentences.push(format!("closed-loop force gap {before:.3} → {after:.3} N (N m) rms"));
+    }
     let torque = train.torque_noise_nm(&decision.noise);
     for (joint, named) in robot.joints.iter().enumerate() {
         let coulomb = train.baseline.values.coulomb_nm[joint];
@@ -480,4 +493,50 @@ fn sentences(case: &Case, decision: &Decision, found: &[(Finding, Instance)], ga
         );
     }
     sentences
+}
+
+/// The movement that best tells the first named effect from another member of its class.
+pub fn next(case: &Case, decision: &Decision, explanation: &Explanation) -> Option<NextTrajectory> {
+    let accepted = decision.accepted.iter().find(|accepted| accepted.class.len() > 1)?;
+    let same = |instance: &Instance| instance.kind.name == accepted.name && instance.joint == accepted.joint;
+    let own = decision.fitted.hypothesis.named.iter().find(|instance| same(instance))?;
+    let others = decision.rivals.iter().map(|rival| &rival.instance);
+    let other = others.into_iter().find(|instance| !same(instance) && accepted.class.contains(&instance.kind.name))?;
+    let base = &decision.fitted.hypothesis.base;
+    let with = |instance: &Instance| Hypothesis { base: base.clone(), named: vec![instance.clone()] };
+    let robot = case.train.setting.experiment.robot;
+    let (one, two) = (with(own), with(other));
+    let mut next = next_trajectory(robot, case.train.baseline, [&one, &two], &decision.noise, explanation.seed)?;
+    next.between = [own.kind.name, other.kind.name];
+    Some(next)
+}
+
+/// Closed-loop force gap of the baseline and of the final model, over all joints, where the recordings hold the command
+/// itself.
+fn force_gap(case: &Case, decision: &Decision, known: usize, named: bool) -> Option<[f64; 2]> {
+    let train = &case.train;
+    let experiment = train.setting.experiment;
+    if !experiment.robot.current_is_command {
+        return None;
+    }
+    let known = &decision.fitted.hypothesis.named[..known];
+    let before = Hypothesis::baseline(train.baseline, known);
+    let after = if named { decision.fitted.hypothesis.clone() } else { before.clone() };
+    let of = |hypothesis: &Hypothesis| -> Option<f64> {
+        let candidate = hypothesis.candidate(train.baseline, experiment)?;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (index, segment) in experiment.segments.iter().enumerate() {
+            let settled = experiment.settled(segment);
+            for (k, command) in super::simulate::closed_loop_commands(experiment, index, &candidate).iter().enumerate()
+            {
+                for (joint, robot) in experiment.robot.joints.iter().enumerate().filter(|_| settled.contains(&k)) {
+                    let difference = segment.command_a[k][joint] - command[joint];
+                    sum += (difference * robot.torque_constant_nm_per_a).powi(2);
+                    count += 1.0;
+                }
+            }
+        }
+        Some(f64::sqrt(sum / f64::max(count, 1.0)))
+    };
+    Some([of(&before)?, of(&after)?])
 }

@@ -154,7 +154,7 @@ pub const LIBRARY: [Kind; 26] = [
         of_arm: false,
         parameters: &[
             size("extra_nm", "N m", joint!(stribeck_nm), 1e-3, ANY),
-            shape("velocity_rad_s", "rad/s", joint!(stribeck_velocity_rad_s), 0.05, [0.5, 60.0]),
+            shape("velocity_rad_s", "rad/s", joint!(stribeck_velocity_rad_s), 1e-3, [1e-3, 60.0]),
         ],
         search: Search::Proportional(&[&[3.0], &[6.0], &[12.0], &[24.0]]),
         equivalent: &[],
@@ -174,7 +174,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("amplitude_nm", "N m", joint!(position_friction_nm), 1e-3, ANY),
             phase("phase_rad", joint!(position_friction_phase_rad), false),
-            shape("order", "per joint turn", joint!(position_friction_order), 0.01, [0.5, 25.0]),
+            shape("order", "per joint turn", joint!(position_friction_order), 0.01, [0.2, 1e3]),
         ],
         search: Search::Wave(Some(&[1.2, 2.0, 2.8, 3.6, 4.4, 5.2, 6.0, 7.5, 9.0, 11.0, 13.0])),
         equivalent: &[],
@@ -218,7 +218,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("amplitude", "", joint!(ripple_share), 1e-3, [-0.9, 0.9]),
             phase("phase_rad", joint!(ripple_phase_rad), true),
-            shape("order", "per motor turn", joint!(ripple_order), 1e-3, [0.2, 40.0]),
+            shape("order", "per motor turn", joint!(ripple_order), 1e-3, [0.05, 1e5]),
         ],
         search: Search::Wave(None),
         equivalent: &[],
@@ -230,7 +230,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("amplitude_nm", "N m", joint!(cogging_nm), 1e-3, ANY),
             phase("phase_rad", joint!(cogging_phase_rad), true),
-            shape("order", "per motor turn", joint!(cogging_order), 1e-3, [0.2, 40.0]),
+            shape("order", "per motor turn", joint!(cogging_order), 1e-3, [0.05, 1e5]),
         ],
         search: Search::Wave(None),
         equivalent: &[],
@@ -242,7 +242,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("amplitude_rad", "rad", joint!(transmission_error_rad), 1e-5, ANY),
             phase("phase_rad", joint!(transmission_error_phase_rad), true),
-            shape("order", "per motor turn", joint!(transmission_error_order), 1e-3, [0.2, 40.0]),
+            shape("order", "per motor turn", joint!(transmission_error_order), 1e-3, [0.05, 1e5]),
         ],
         search: Search::Wave(None),
         equivalent: &[],

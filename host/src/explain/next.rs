@@ -28,6 +28,8 @@ const TRIED: usize = 24;
 pub struct NextTrajectory {
     /// The movement file's text.
     pub toml: String,
+    /// The two members.
+    pub between: [&'static str; 2],
     /// χ² that the wrong member would leave beside the right one.
     pub distance: f64,
 }
@@ -58,14 +60,15 @@ pub fn next_trajectory(
     }
     let judged = movements.into_par_iter().filter_map(|movement| {
         let distance = |truth: &Hypothesis, wrong: &Hypothesis| {
-            let recording = simulated(robot, baseline, truth, &movement)?;
+            let trajectory = Trajectory::Fourier(movement.clone());
+            let recording = simulated(robot, baseline, truth, &trajectory, &SILENT, 1)?;
             left_by(robot, baseline, &recording, wrong, noise)
         };
         let both = [distance(members[0], members[1])?, distance(members[1], members[0])?];
         Some((both[0].min(both[1]), movement))
     });
     let (distance, movement) = judged.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some(NextTrajectory { toml: text(&movement), distance })
+    Some(NextTrajectory { toml: text(&movement), between: ["", ""], distance })
 }
 
 /// Three harmonics about the middle of the range, with a fade.
@@ -95,7 +98,9 @@ fn text(movement: &Fourier) -> String {
     let harmonics: Vec<String> = movement
         .harmonics
         .iter()
-        .map(|harmonic| format!("  {{ cosine_rad = {}, sine_rad = {} }},\n", pair(harmonic.cosine_rad), pair(harmonic.sine_rad)))
+        .map(|harmonic| {
+            format!("  {{ cosine_rad = {}, sine_rad = {} }},\n", pair(harmonic.cosine_rad), pair(harmonic.sine_rad))
+        })
         .collect();
     format!(
         "[fourier]\nperiod_s = {}\nrepeats = {}\nfade_s = {}\ncentre_rad = {}\nharmonic = [\n{}]\n",
@@ -107,9 +112,18 @@ fn text(movement: &Fourier) -> String {
     )
 }
 
-/// What the robot would record, were it exactly `truth` and without noise.
-fn simulated(robot: &Robot, baseline: &Baseline, truth: &Hypothesis, movement: &Fourier) -> Option<Recording> {
-    let trajectory = Trajectory::Fourier(movement.clone());
+/// No noise at all.
+const SILENT: NullNoise = NullNoise { torque_nm: [0.0; 2], correlation_time_s: [0.05; 2], position_counts: [0.0; 2] };
+
+/// What the robot would record along a movement, were it exactly `truth`.
+pub fn simulated(
+    robot: &Robot,
+    baseline: &Baseline,
+    truth: &Hypothesis,
+    trajectory: &Trajectory,
+    noise: &NullNoise,
+    seed: u64,
+) -> Option<Recording> {
     let period_ns = (robot.record_period_s * 1e9).round() as u64;
     let samples = trajectory.record_periods(period_ns) as usize;
     let reference_counts: Vec<Vec<f64>> = (0..2)
@@ -136,8 +150,7 @@ fn simulated(robot: &Robot, baseline: &Baseline, truth: &Hypothesis, movement: &
     let experiment = Experiment::new(robot, std::slice::from_ref(&recording)).ok()?;
     let one = Hypothesis { base: truth.base.clone(), named: truth.named.iter().map(first_record).collect() };
     let candidate = one.candidate(baseline, &experiment)?;
-    let silent = NullNoise { torque_nm: [0.0; 2], correlation_time_s: [0.05; 2], position_counts: [0.0; 2] };
-    let run = closed_loop(&experiment, &candidate, 0, &silent, &mut Random::new(1, 2));
+    let run = closed_loop(&experiment, &candidate, 0, noise, &mut Random::new(seed, 2));
     recording.error_counts = run.error_counts.to_vec();
     recording.current_a = run.current_a.to_vec();
     Some(recording)
@@ -150,7 +163,13 @@ fn first_record(instance: &Instance) -> Instance {
 }
 
 /// χ² beyond the noise that the best fit of `wrong` leaves of a recording.
-fn left_by(robot: &Robot, baseline: &Baseline, recording: &Recording, wrong: &Hypothesis, noise: &Noise) -> Option<f64> {
+fn left_by(
+    robot: &Robot,
+    baseline: &Baseline,
+    recording: &Recording,
+    wrong: &Hypothesis,
+    noise: &Noise,
+) -> Option<f64> {
     let experiment = Experiment::new(robot, std::slice::from_ref(recording)).ok()?;
     let rows = Rows::new(&experiment);
     let engine = Engine::new(Setting { experiment: &experiment, rows: &rows, current_sigma_a: None }, baseline);

@@ -80,10 +80,61 @@ impl Response {
             .collect()
     }
 
+    /// The transpose of [`Response::to_torque`]: what each sample of a torque contributes to a product with `series`.
+    pub fn back_to_torque(&self, segment: usize, of: usize, by: usize, series: &[f64]) -> Vec<f64> {
+        // Backward in time, an impulse of torque at a sample is seen by all later innovations.
+        let (mut position, mut velocity) = (0.0, 0.0);
+        let mobility = &self.mobility[segment];
+        let mut seen = vec![0.0; mobility.len()];
+        for k in (0..mobility.len().min(series.len())).rev() {
+            // Each forward step transposed, last operation first.
+            velocity += self.period_s * position;
+            seen[k] = self.period_s * mobility[k][of][by] * (velocity - 0.5 * self.period_s * position);
+            position += series[k] - self.position_gain * position - self.velocity_gain * velocity;
+        }
+        seen
+    }
+
+    /// The transpose of [`Response::to_position`].
+    pub fn back_to_position(&self, series: &[f64]) -> Vec<f64> {
+        let (mut position, mut velocity) = (0.0, 0.0);
+        let mut seen = vec![0.0; series.len()];
+        for k in (0..series.len()).rev() {
+            velocity += self.period_s * position;
+            let innovation = series[k] - self.position_gain * position - self.velocity_gain * velocity;
+            seen[k] = innovation;
+            position += innovation;
+        }
+        seen
+    }
+
     /// Mean acceleration of a joint in counts/s² per torque of its own motor in N m.
     pub fn own_mobility(&self, joint: usize) -> f64 {
         let all = self.mobility.iter().flatten();
         let (sum, count) = all.fold((0.0, 0.0), |(sum, count), m| (sum + m[joint][joint].abs(), count + 1.0));
         sum / f64::max(count, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// ⟨b, L a⟩ = ⟨Lᵀ b, a⟩ for both responses.
+    #[test]
+    fn transposes_are_transposes() {
+        let samples = 400;
+        let mobility = (0..samples).map(|k| [[3.0 + (k as f64 * 0.05).sin(), 0.4], [0.2, 2.0]]).collect();
+        let response =
+            Response { mobility: vec![mobility], period_s: 0.7e-3, position_gain: 0.028, velocity_gain: 0.44 };
+        let a: Vec<f64> = (0..samples).map(|k| (k as f64 * 0.31).sin()).collect();
+        let b: Vec<f64> = (0..samples).map(|k| (k as f64 * 0.11).cos()).collect();
+        let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
+        let forward = dot(&b, &response.to_torque(0, 0, 0, |k| a[k]));
+        let backward = dot(&a, &response.back_to_torque(0, 0, 0, &b));
+        assert!((forward - backward).abs() < 1e-9 * forward.abs(), "{forward} {backward}");
+        let forward = dot(&b, &response.to_position(0, |k| a[k]));
+        let backward = dot(&a, &response.back_to_position(&b));
+        assert!((forward - backward).abs() < 1e-9 * forward.abs(), "{forward} {backward}");
     }
 }

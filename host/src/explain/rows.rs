@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use realfft::{RealFftPlanner, RealToComplex};
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 use crate::identify::{Columns, Experiment};
 
@@ -27,9 +27,9 @@ pub struct Series {
     pub samples: std::ops::Range<usize>,
     /// Where its rows are.
     pub rows: std::ops::Range<usize>,
-    /// Where its frequencies above those of the rows are in [`Rows::high`].
     taper: Vec<f64>,
     fft: Arc<dyn RealToComplex<f64>>,
+    back: Arc<dyn ComplexToReal<f64>>,
 }
 
 /// How series become rows.
@@ -79,6 +79,7 @@ impl Rows {
                     rows: from..rows.frequency_hz.len(),
                     taper,
                     fft: planner.plan_fft_forward(length),
+                    back: planner.plan_fft_inverse(length),
                 });
             }
         }
@@ -115,6 +116,26 @@ impl Rows {
             rows.push(line.im);
         }
         rows
+    }
+
+    /// The series, as long as its segment, whose product with any other sample by sample is the product of `rows`, under
+    /// squared weights, with the other's rows.
+    pub fn weighed_back(&self, series: &Series, rows: &[f64], weights: &[f64]) -> Vec<f64> {
+        let mut lines = series.back.make_input_vec();
+        let weighed: Vec<f64> = rows.iter().zip(weights).map(|(x, w)| x * w * w).collect();
+        lines[0].re = weighed[0] * std::f64::consts::FRAC_1_SQRT_2;
+        for (line, pair) in lines[1..].iter_mut().zip(weighed[1..].chunks(2)) {
+            line.re = 0.5 * pair[0];
+            line.im = 0.5 * pair[1];
+        }
+        let mut samples = series.back.make_output_vec();
+        // Fails only on wrong buffer lengths and on imaginary parts where a real series has none.
+        let _ = series.back.process(&mut lines, &mut samples);
+        let mut whole = vec![0.0; series.samples.end];
+        for ((place, x), w) in whole[series.samples.clone()].iter_mut().zip(samples).zip(&series.taper) {
+            *place = x * w;
+        }
+        whole
     }
 
     /// Mean power of `columns` above the rows' frequencies per joint: the white part alone. NaN where the rows

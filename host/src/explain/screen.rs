@@ -195,12 +195,14 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
             if has {
                 continue;
             }
+            let scale = scan::scale(stage, kind, joint);
             let new = |values: &[f64]| Instance::new(kind, joint, values, records);
             let mut add = |form, points, masked| planned.push(Planned { kind, joint, form, points, masked });
             match kind.search {
                 Search::Proportional(shapes) => {
                     let step = kind.parameters[0].step * 3.0;
                     for shape in shapes {
+                        let shape: Vec<f64> = shape.iter().map(|value| value * scale).collect();
                         let values: Vec<f64> = std::iter::once(step).chain(shape.iter().copied()).collect();
                         add(Form::Proportional(shape.to_vec()), vec![(new(&values), step)], false);
                     }
@@ -216,7 +218,7 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
                     };
                     let step = kind.parameters[0].step * 3.0;
                     let per_record = kind.parameters.iter().any(|parameter| parameter.per_record);
-                    for &order in orders {
+                    for order in orders.iter().map(|order| order * scale) {
                         let at = |phase: f64| {
                             let value = |role: Role| match role {
                                 Role::Size => step,

@@ -18,6 +18,9 @@ const GROUPS: usize = 1;
 /// Models simulated side by side.
 pub const LANES: usize = 8 * GROUPS;
 
+/// Integration steps a record period of a closed loop that is shown.
+const CLOSED_LOOP_SUBSTEPS: u32 = 20;
+
 /// Numbers in lanes.
 type Wide<S> = Lanes<S, f64x8<S>, GROUPS>;
 
@@ -215,6 +218,16 @@ fn extended<S: Simd>(machine: S, experiment: &Experiment, index: usize, candidat
 fn of_segment(experiment: &Experiment, index: usize, candidate: &Candidate) -> ExtendedPlant<f64> {
     let effects = candidate.effects.get(index).copied().unwrap_or(neutral(experiment));
     ExtendedPlant { plant: candidate.plant, effects }
+}
+
+/// The commands in A that the robot's own law gives on a model in its loop, finely integrated.
+pub fn closed_loop_commands(experiment: &Experiment, index: usize, candidate: &Candidate) -> Vec<[f64; 2]> {
+    let simulation = Simulation { experiment, plant: of_segment(experiment, index, candidate) };
+    let segment = &experiment.segments[index];
+    let mut commands = Vec::with_capacity(segment.error_counts.len());
+    simulation
+        .closed_loop(segment, &experiment.settings(CLOSED_LOOP_SUBSTEPS), |_, tick, _| commands.push(tick.command_a));
+    commands
 }
 
 /// No effect at all, for this kind of robot.

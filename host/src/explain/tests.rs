@@ -1,0 +1,79 @@
+//! The whole way on simulated robots whose effect nobody told it.
+
+use shared::trajectory::Trajectory;
+
+use super::hypothesis::{Baseline, Hypothesis};
+use super::library::{Instance, kind};
+use super::next::simulated;
+use super::nulls::NullNoise;
+use super::*;
+
+const NOISE: NullNoise = NullNoise { torque_nm: [0.0; 2], correlation_time_s: [0.05; 2], position_counts: [0.0; 2] };
+
+/// A baseline as `identify` leaves it: near the truth by its standard errors.
+fn model(robot: &Robot) -> Model {
+    let mut model = crate::hidden_robot::HiddenRobot::draw(robot, 5).to_model(toml::Table::new());
+    model.f_standard_error = Some([0.003, 0.003, 0.003, 0.003, 0.003, 0.003, 0.012, 0.004, 0.006]);
+    model.viscous_standard_error = Some(model.viscous_nm_s_per_rad.iter().map(|v| 0.005 * v).collect());
+    model.coulomb_standard_error = Some(model.coulomb_nm.iter().map(|c| 0.003 * c).collect());
+    model
+}
+
+fn recordings(robot: &Robot, baseline: &Baseline, effect: Option<Instance>) -> Vec<Recording> {
+    let truth = Hypothesis { base: baseline.values.of(&baseline.free), named: effect.into_iter().collect() };
+    [3.65, 5.0, 4.3]
+        .into_iter()
+        .enumerate()
+        .map(|(index, period_s)| {
+            let movement: Trajectory = crate::trajectory_file::paper(period_s).expect("a period");
+            simulated(robot, baseline, &truth, &movement, &NOISE, 40 + index as u64).expect("a recording")
+        })
+        .collect()
+}
+
+fn explained(effect: Option<(&str, usize, &[f64])>) -> Explanation {
+    let robot = Robot::paper();
+    let model = model(&robot);
+    let baseline = baseline(&robot, &model, true);
+    let effect = effect.map(|(name, joint, values)| Instance::new(kind(name).expect("an effect"), joint, values, 1));
+    let recordings = recordings(&robot, &baseline, effect);
+    let (fitted, check) = recordings.split_at(2);
+    let options = Options { seed: 1, design_next: false };
+    explain(&robot, fitted, check, Some(&model), &options, &|_| ()).expect("an explanation")
+}
+
+#[test]
+fn a_robot_that_lacks_nothing_gets_no_name() {
+    let explanation = explained(None);
+    assert_eq!(explanation.verdict, Verdict::None, "{:?}", explanation.sentences);
+    assert!(explanation.effects.is_empty());
+}
+
+#[test]
+fn a_hidden_effect_is_named_and_closes_the_gap() {
+    let explanation = explained(Some(("asymmetric-viscous-friction", 1, &[3e-4])));
+    assert_eq!(explanation.verdict, Verdict::Named, "{:?}", explanation.sentences);
+    let [finding] = &explanation.effects[..] else { panic!("{:?}", explanation.effects) };
+    assert_eq!((finding.name, finding.joint.as_str()), ("asymmetric-viscous-friction", "3"));
+    let found = &finding.parameters["difference_nm_s_per_rad"];
+    assert!((found.value / 3e-4 - 1.0).abs() < 0.03, "{found:?}");
+    let held_out = explanation.gap.held_out.expect("a recording was kept back");
+    assert!(held_out.before > 3.0 * explanation.gap.floor && held_out.after < 1.05 * explanation.gap.floor);
+    let json = explanation.to_json();
+    assert_eq!(json["effects"][0]["class"][0], "asymmetric-viscous-friction");
+    assert!(explanation.to_html("a robot").expect("a page").contains("<svg"));
+}
+
+#[test]
+fn a_wrong_gain_is_told_and_nothing_named() {
+    let robot = Robot::paper();
+    let model = model(&robot);
+    let baseline = baseline(&robot, &model, true);
+    let recordings = recordings(&robot, &baseline, None);
+    let mut other = robot.clone();
+    other.joints[1].law =
+        crate::robot::Law::Proportional(shared::control::PositionLoop { gain_a_per_count: 0.04, lead: 0.0 });
+    let options = Options { seed: 1, design_next: false };
+    let refused = explain(&other, &recordings, &[], Some(&model), &options, &|_| ());
+    assert!(matches!(refused, Err(ExplainError::Audit(AuditError::WrongGain { .. }))), "{refused:?}");
+}
