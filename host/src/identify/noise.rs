@@ -61,13 +61,18 @@ impl InnovationNoise {
 
     /// `series` divided by the root of the spectrum, zero-phase: white where `series` is noise like this.
     pub fn whiten(&self, series: &[f64]) -> Vec<f64> {
-        // Innovations are about zero, so zeros continue them; as many as the filter rings.
-        let length = series.len() + (2.0 / CORRECTION_HZ / self.period_s) as usize;
+        let Some((&first, &last)) = series.first().zip(series.last()) else { return Vec::new() };
+        // Either end goes on as its own mirror image turned about its value, for as long as the filter rings. Going on as
+        // zeros would make a step of it, which no torque damps: in the sensitivities it looks like one moment that knows
+        // everything.
+        let ring = ((2.0 / CORRECTION_HZ / self.period_s) as usize).min(series.len() - 1);
+        let before = series[1..=ring].iter().rev().map(|value| 2.0 * first - value);
+        let after = series[series.len() - 1 - ring..series.len() - 1].iter().rev().map(|value| 2.0 * last - value);
+        let mut padded: Vec<f64> = before.chain(series.iter().copied()).chain(after).collect();
+        let length = padded.len();
         let mut planner = RealFftPlanner::<f64>::new();
         let forward = planner.plan_fft_forward(length);
         let backward = planner.plan_fft_inverse(length);
-        let mut padded = series.to_vec();
-        padded.resize(length, 0.0);
         let mut lines = forward.make_output_vec();
         // Both fail only on wrong buffer lengths, which the planner made itself.
         let _ = forward.process(&mut padded, &mut lines);
@@ -76,8 +81,7 @@ impl InnovationNoise {
             *line *= 1.0 / (self.shape(frequency_hz).sqrt() * length as f64);
         }
         let _ = backward.process(&mut lines, &mut padded);
-        padded.truncate(series.len());
-        padded
+        padded[ring..ring + series.len()].to_vec()
     }
 
     fn shape(&self, frequency_hz: f64) -> f64 {
@@ -155,6 +159,17 @@ mod tests {
             let after = power_below(&white, 8.0) / power_below(&white, 700.0);
             assert!((0.5..2.0).contains(&after), "torque noise {torque_counts}: {after} after");
         }
+    }
+
+    /// A series that stands far from zero where it begins and ends has no spikes there.
+    #[test]
+    fn the_ends_of_a_series_are_no_steps() {
+        let noise = InnovationNoise { torque_ratio: 1e4, correlation_time_s: 0.03, period_s: PERIOD_S };
+        let series: Vec<f64> = (0..5000).map(|k| 5.0 + (k as f64 / 400.0).cos()).collect();
+        let white = noise.whiten(&series);
+        let largest = |part: &[f64]| part.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        let (middle, whole) = (largest(&white[1000..4000]), largest(&white));
+        assert!(whole < 2.0 * middle, "{whole} at an end, {middle} in the middle");
     }
 
     /// Rounding alone is left as it is: what the state correction took from it is not brought back.
