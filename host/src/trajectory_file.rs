@@ -233,7 +233,7 @@ mod tests {
             period_ns: 3_649_999_999,
             repeats: 2,
             fade_ns: 500_000_001,
-            centre_rad: [-0.785_398_2, 0.7],
+            centre_rad: [-0.785, 0.7],
             harmonics: [harmonic, harmonic].into_iter().collect(),
         };
         let points = Points::new(250_000_000, &[[0.0, 0.1], [-0.2, 1.0 / 3.0], [0.0, 0.1]]).unwrap();

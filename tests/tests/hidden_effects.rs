@@ -49,6 +49,7 @@ fn nothing_hidden_leaves_the_rounding_floor() {
         viscous_nm_s_per_rad: truth.joints.map(|joint| joint.friction.viscous_nm_s_per_rad),
         coulomb_nm: truth.joints.map(|joint| joint.friction.coulomb_nm),
         torque_offset_nm: truth.joints.map(|joint| joint.torque_offset_nm),
+        ..Values::of_robot(&robot)
     };
     let experiment = Experiment::new(&robot, &recordings).expect("an experiment");
     let (closed_loop, innovations) =

@@ -1,10 +1,12 @@
 //! Recordings as they come from real robots: `identify` must still find every f within the limits it has on clean
 //! ones, or refuse in words. Every trouble is also shown to spoil the result where nothing is done about it.
 
+#![expect(clippy::result_large_err, reason = "only tests")]
+
 use std::path::Path;
 use std::sync::OnceLock;
 
-use armid::identify::{FrictionMode, Identification, IdentifyError, Options, identify};
+use armid::identify::{Identification, IdentifyError, Options, identify};
 use armid::recording::{Manifest, Mode, ReadOptions, Recording};
 use armid::robot::Robot;
 use armid_tests::simulator::noise::{Purpose, RandomStream, TorqueDisturbance, TorqueNoise};
@@ -58,7 +60,7 @@ fn part(mut recording: Recording, range: std::ops::Range<usize>) -> Recording {
 }
 
 fn options() -> Options {
-    Options { friction: FrictionMode::Identify, seed: 1, ..Options::default() }
+    Options { seed: 1, ..Options::default() }
 }
 
 fn found(recordings: &[Recording], options: &Options) -> Result<Identification, IdentifyError> {
@@ -163,16 +165,16 @@ fn a_current_offset_is_told_and_its_cause_found() {
     let settings = RunSettings { seed: SEED, torque_noise: Some(noise), ..RunSettings::default() };
     let mut of_amplifier = recorded(&truth(), settings);
     for recording in &mut of_amplifier {
-        for joint in 0..2 {
-            recording.current_a[joint].iter_mut().for_each(|current| *current += offset_nm[joint] / 0.25);
+        for (column, offset_nm) in recording.current_a.iter_mut().zip(offset_nm) {
+            column.iter_mut().for_each(|current| *current += offset_nm / 0.25);
         }
     }
     let recordings = read(&of_amplifier);
     treated("an amplifier's offset", &recordings);
     let found_it = found(&recordings, &options()).expect("an identification");
-    for joint in 0..2 {
-        let left = found_it.values.torque_offset_nm[joint] + offset_nm[joint];
-        assert!(left.abs() < 1e-3, "joint {joint}: {left} N m left of {offset_nm:?}");
+    for (joint, offset_nm) in offset_nm.into_iter().enumerate() {
+        let left = found_it.values.torque_offset_nm[joint] + offset_nm;
+        assert!(left.abs() < 1e-3, "joint {joint}: {left} N m left of {offset_nm}");
     }
 }
 

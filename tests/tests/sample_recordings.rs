@@ -41,7 +41,7 @@ fn the_healthy_robot_is_found_within_its_standard_errors() {
         f: truth.base.0,
         viscous_nm_s_per_rad: truth.viscous_friction_nm_s_per_rad,
         coulomb_nm: truth.coulomb_friction_nm,
-        torque_offset_nm: [0.0; 2],
+        ..Values::of_robot(&robot)
     };
     let experiment = Experiment::new(&robot, &check).expect("an experiment");
     let gaps = [

@@ -95,8 +95,8 @@ fn curve(samples: &[(usize, f64, f64)]) -> Option<(Vec<[f64; 3]>, f64)> {
         total
     };
     let (mut left, mut whole) = (0.0, 0.0);
-    for fold in 0..folds {
-        for (index, own) in sums[fold].iter().enumerate() {
+    for (fold, bins) in sums.iter().enumerate() {
+        for (index, own) in bins.iter().enumerate() {
             let others = total(&|other| other != fold, index);
             let mean = if others[0] > 0.0 { others[1] / others[0] } else { 0.0 };
             left += own[2] - 2.0 * mean * own[1] + mean * mean * own[0];

@@ -355,7 +355,8 @@ fn place(case: &Case, decision: &Decision, instance: &Instance) -> String {
     let [_, before, after] = &decision.innovations;
     let fastest =
         |trace: &super::trace::Trace| trace.velocity_rad_s[joint].iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-    let regions: [(&str, fn(&super::trace::Trace, usize, usize, f64) -> bool); 4] = [
+    type Inside = fn(&super::trace::Trace, usize, usize, f64) -> bool;
+    let regions: [(&str, Inside); 4] = [
         ("within 0.3 s after its reversals", |trace, joint, k, _| trace.since_reversal_s[joint][k] < 0.3),
         ("at low speed", |trace, joint, k, fastest| trace.velocity_rad_s[joint][k].abs() < 0.25 * fastest),
         ("at high speed", |trace, joint, k, fastest| trace.velocity_rad_s[joint][k].abs() > 0.6 * fastest),

@@ -105,8 +105,8 @@ fn alone(experiment: &Experiment, index: usize, candidate: &Candidate) -> OfSegm
     let mut left = nothing(segment, 1);
     let mut left = left.remove(0);
     simulation.innovations_and_motion(segment, &experiment.settings(INNOVATION_SUBSTEPS), |k, innovation, motion| {
-        for joint in 0..2 {
-            left.innovations[joint].push(innovation[joint]);
+        for (joint, innovation) in innovation.into_iter().enumerate() {
+            left.innovations[joint].push(innovation);
             left.current[joint].push(segment.current_a[k][joint] - motion.current_a[joint]);
         }
     });
@@ -206,8 +206,8 @@ fn extended<S: Simd>(machine: S, experiment: &Experiment, index: usize, candidat
     let mut left = nothing(segment, candidates.len());
     under_commands(&simulation, segment, |k, innovation, motion| {
         for (lane, left) in left.iter_mut().enumerate() {
-            for joint in 0..2 {
-                left.innovations[joint].push(innovation[joint].get(lane));
+            for (joint, innovation) in innovation.iter().enumerate() {
+                left.innovations[joint].push(innovation.get(lane));
                 left.current[joint].push(segment.current_a[k][joint] - motion.current_a[joint].get(lane));
             }
         }

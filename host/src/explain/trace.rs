@@ -111,9 +111,8 @@ pub fn residual_torque(experiment: &Experiment, traces: &[Trace], arm: &Arm<f64>
                 .collect()
         });
         let mut torque = [Vec::with_capacity(trace.time_s.len()), Vec::with_capacity(trace.time_s.len())];
-        for k in 0..trace.time_s.len() {
+        for (k, (&a, &b)) in acceleration[0].iter().zip(&acceleration[1]).enumerate() {
             let inertia = arm.inertia(&Pose::at([trace.position_rad[0][k], trace.position_rad[1][k]]));
-            let [a, b] = [acceleration[0][k], acceleration[1][k]];
             let joint_torque = [inertia.d11 * a + inertia.d12 * b, inertia.d12 * a + inertia.d22 * b];
             for joint in 0..2 {
                 let ratio = experiment.robot.joints.get(joint).map_or(1.0, |joint| joint.gear_ratio);

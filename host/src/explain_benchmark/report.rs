@@ -74,7 +74,7 @@ fn section(text: &mut String, method: &Method<'_>) {
     let _ = writeln!(text, "  answers by what was hidden");
     for (hidden, answers) in confusion(method.judged) {
         let mut answers: Vec<(String, usize)> = answers.into_iter().collect();
-        answers.sort_by(|one, other| other.1.cmp(&one.1));
+        answers.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
         let answers: Vec<String> = answers.into_iter().map(|(answer, count)| format!("{answer} {count}")).collect();
         let _ = writeln!(text, "    {hidden:<28} {}", answers.join(", "));
     }

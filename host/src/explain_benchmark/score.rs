@@ -211,7 +211,8 @@ pub struct Power {
 
 /// Power against size, effect by effect.
 pub fn power(judged: &[Judged]) -> BTreeMap<String, Power> {
-    let mut sizes: BTreeMap<String, BTreeMap<String, (Share, Vec<f64>, Vec<f64>)>> = BTreeMap::new();
+    type Tiers = BTreeMap<String, (Share, Vec<f64>, Vec<f64>)>;
+    let mut sizes: BTreeMap<String, Tiers> = BTreeMap::new();
     for judged in judged.iter().filter(|judged| judged.truth.kind == Kind::Single) {
         let Some(hidden) = judged.truth.effect.first() else { continue };
         let mut one = Score::default();
@@ -222,7 +223,7 @@ pub fn power(judged: &[Judged]) -> BTreeMap<String, Power> {
         tier.1.push(largest(&judged.truth.size_counts));
         tier.2.push(100.0 * largest(&judged.truth.size_of_coulomb));
     }
-    let of_effect = |tiers: BTreeMap<String, (Share, Vec<f64>, Vec<f64>)>| {
+    let of_effect = |tiers: Tiers| {
         let median = |values: &[f64]| quantile(values, 0.5).unwrap_or(f64::NAN);
         let mut tiers: Vec<(String, Share, f64, f64)> = tiers
             .into_iter()

@@ -90,9 +90,10 @@ impl Rows {
 
     /// Every hypothesis; `orders` are the cycles per motor turn to try.
     pub fn hypotheses(&self, orders: &[f64]) -> Vec<Hypothesis> {
+        type Column<'a> = &'a dyn Fn(&Signals) -> Vec<f64>;
         let mut all = Vec::new();
         for joint in 0..2 {
-            let mut add = |name: &'static str, shapes: usize, columns: &[&dyn Fn(&Signals) -> Vec<f64>]| {
+            let mut add = |name: &'static str, shapes: usize, columns: &[Column]| {
                 let columns = columns.iter().map(|of| self.of_joint(joint, of)).collect();
                 all.push(Hypothesis { name, joint: Some(joint), columns, shapes });
             };

@@ -504,7 +504,7 @@ mod tests {
         let sensitivities = [vec![vec![1.0; 100], vec![1.0; 300]]];
         let (first, second) = (2.0, 6.0);
         let mean = 0.25 * first + 0.75 * second;
-        let wave = |k: usize| if k % 2 == 0 { 0.1 } else { -0.1 };
+        let wave = |k: usize| if k.is_multiple_of(2) { 0.1 } else { -0.1 };
         let residuals = vec![
             (0..100).map(|k| mean - first + wave(k)).collect::<Vec<f64>>(),
             (0..300).map(|k| mean - second + wave(k)).collect(),

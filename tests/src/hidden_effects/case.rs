@@ -1,6 +1,6 @@
 //! One case: a machine drawn, recorded three times, and its files.
 
-use std::io::{Error, Result};
+use std::io::Result;
 use std::path::Path;
 
 use toml::{Table, Value};
@@ -229,7 +229,7 @@ impl Case {
         }
         let truth = self.truth().to_string();
         // Last: a folder with a truth is complete.
-        std::fs::write(folder.join("truth.toml"), truth).map_err(Error::from)
+        std::fs::write(folder.join("truth.toml"), truth)
     }
 
     /// The sealed truth.

@@ -68,9 +68,8 @@ impl<'a> Motion<'a> {
     #[must_use]
     pub fn at_rest(machine: &'a Machine, angle_rad: [f64; 2], time_s: f64, step_s: f64) -> Self {
         let mut values = [0.0; LENGTH];
-        for joint in 0..2 {
-            values[ANGLE + joint] = angle_rad[joint];
-            values[MOTOR_ANGLE + joint] = angle_rad[joint];
+        for first in [ANGLE, MOTOR_ANGLE] {
+            values[first..first + 2].copy_from_slice(&angle_rad);
         }
         Self { machine, values, load_nm: [0.0; 2], time_s, step_s }
     }
@@ -96,9 +95,8 @@ impl<'a> Motion<'a> {
 
     /// Sets the links' speeds, and those of the motors with them.
     pub fn set_velocity_rad_s(&mut self, velocity_rad_s: [f64; 2]) {
-        for joint in 0..2 {
-            self.values[SPEED + joint] = velocity_rad_s[joint];
-            self.values[MOTOR_SPEED + joint] = velocity_rad_s[joint];
+        for first in [SPEED, MOTOR_SPEED] {
+            self.values[first..first + 2].copy_from_slice(&velocity_rad_s);
         }
     }
 

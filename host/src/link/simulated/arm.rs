@@ -21,7 +21,7 @@ const BEFORE_RECORDING_S: f64 = -1.0;
 /// An arm and its amplifiers.
 pub(super) enum SimulatedArm {
     /// Rigid, with ideal amplifiers and encoders.
-    Plain(PlainArm),
+    Plain(Box<PlainArm>),
     /// With effects.
     Extended(Box<ExtendedArm>),
 }
@@ -46,7 +46,12 @@ impl SimulatedArm {
         let plant: Plant<f64> = hidden.plant(robot);
         let state = State::at_rest([0.0; 2]);
         match hidden.effects() {
-            None => Self::Plain(PlainArm { plant: plant.prepare(), drives: plant.drives, state, current_a: [0.0; 2] }),
+            None => Self::Plain(Box::new(PlainArm {
+                plant: plant.prepare(),
+                drives: plant.drives,
+                state,
+                current_a: [0.0; 2],
+            })),
             Some(&effects) => {
                 let machine = ExtendedMachine::new(&ExtendedPlant { plant, effects });
                 let motion = machine.start(state, BEFORE_RECORDING_S);

@@ -136,7 +136,7 @@ mod tests {
             spoilt[k] += if index % 2 == 0 { 9.0 } else { -1024.0 };
         }
         assert_eq!(spikes(&spoilt, &(0..5000), Some(LEAST_COUNTS)), put_in);
-        bridge(&mut spoilt, &[0..5000], &put_in);
+        bridge(&mut spoilt, std::slice::from_ref(&(0..5000)), &put_in);
         for k in put_in {
             assert!((spoilt[k] - clean[k]).abs() <= 12.0, "sample {k}: {} for {}", spoilt[k], clean[k]);
         }
