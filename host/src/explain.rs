@@ -76,6 +76,9 @@ pub enum ExplainError {
     Impossible,
 }
 
+/// Torque offset that no robot is free of, as a share of the Coulomb friction: its standard deviation.
+const USUAL_OFFSET: f64 = 0.003;
+
 /// What to do beside explaining.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
@@ -185,6 +188,15 @@ fn baseline(robot: &Robot, model: &Model, priors: bool) -> Baseline {
         let value = offset.and_then(|offset| offset.parameters.get("torque_nm")).copied().unwrap_or(0.0);
         values.torque_offset_nm[0] = value;
         add(Parameter::TorqueOffset(0), value, offset.and_then(|o| o.standard_error.get("torque_nm")).copied());
+    }
+    if robot.kind == Kind::TwoLink {
+        // Every amplifier and every cable has a little offset; what is larger is an effect.
+        for joint in 0..joints {
+            let little = USUAL_OFFSET * model.coulomb_nm[joint];
+            if little > 0.0 {
+                free.push((Parameter::TorqueOffset(joint), little));
+            }
+        }
     }
     let (free, standard_error) = free.into_iter().unzip();
     Baseline { values, free, standard_error }
