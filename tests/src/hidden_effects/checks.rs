@@ -103,9 +103,9 @@ fn half_the_step_changes_nothing() {
 fn two_masses_keep_their_energy() {
     let mut machine = reference_machine();
     let stiffness = [30_000.0, 9_000.0];
-    for joint in 0..2 {
-        machine.joints[joint].friction = Friction::default();
-        machine.joints[joint].transmission = spring(stiffness[joint], 0.0, 0.0);
+    for (joint, stiffness) in machine.joints.iter_mut().zip(stiffness) {
+        joint.friction = Friction::default();
+        joint.transmission = spring(stiffness, 0.0, 0.0);
     }
     let mut motion = Motion::at_rest(&machine, [-0.4, 0.6], 0.0, STEP_S);
     motion.set_velocity_rad_s([0.3, -0.5]);
