@@ -95,7 +95,10 @@ pub fn solve(
             }
         }
     }
-    let solution = normal.svd(true, true).solve(&right, 1e-14).unwrap_or_else(|_| DVector::from_vec(centre));
+    // The decomposition of what is not a number would never end.
+    let finite = normal.iter().chain(right.iter()).all(|value| value.is_finite());
+    let solved = finite.then(|| normal.svd(true, true).solve(&right, 1e-14).ok()).flatten();
+    let solution = solved.unwrap_or_else(|| DVector::from_vec(centre));
     let mut found = known.with(free, solution.as_slice());
     for joint in 0..2 {
         found.coulomb_nm[joint] = found.coulomb_nm[joint].max(0.0);
