@@ -1,19 +1,19 @@
 //! How well a least-squares fit is known: the covariance of its values, from exact sensitivities and from how the
 //! residuals scatter, as a whole and recording by recording.
 //!
-//! Sandwich form A⁻¹ B A⁻¹ with A = JᵀJ and B the covariance of Jᵀr. Residuals are not white: innovations have less than
-//! their share of noise below the bandwidth of the state correction, where the sensitivities are, and a real robot's
-//! torque noise has more; σ²A⁻¹ would be wrong either way. Two estimates of B share the work:
+//! Two estimates share the work, and each parameter is given the larger of the two standard errors:
 //!
-//! * From the measured spectrum of the residuals, band by band. In each band the fit has taken out of the residuals what
-//!   it could explain; the power left is divided by the degrees of freedom left (leverages), and the standard errors are
-//!   widened for how few those are, as Student's t is against the normal distribution. The level may change along the
-//!   recording, the shape of the spectrum may not.
-//! * From the products themselves, correlated over a window (Newey & West 1987, Bartlett weights): it needs no steady
-//!   noise, and so sees resonances and noise that comes and goes.
+//! * From the measured spectrum of the residuals, band by band: the sandwich A⁻¹ B A⁻¹ with A = JᵀJ and B the covariance
+//!   of Jᵀr. Residuals are not white: innovations have less than their share of noise below the bandwidth of the state
+//!   correction, where the sensitivities are, and a real robot's torque noise has more; σ²A⁻¹ would be wrong either way.
+//!   In each band the fit has taken out of the residuals what it could explain; the power left is divided by the degrees
+//!   of freedom left (leverages). The level may change along the recording, the shape of the spectrum may not.
+//! * From how the values change when one stretch of the recordings after another is left out, all joints at once (block
+//!   jackknife, Künsch 1989). It needs no steady noise, sees that one motor's torque moves both joints, and that a moment
+//!   which decides much, as the reversal of a joint does for its friction, may be noisier than the rest.
 //!
-//! Each parameter is given the larger of the two standard errors. Directions that the data do not determine come out with
-//! a huge variance, not with an error.
+//! Both are widened for how few degrees of freedom they rest on, as Student's t is against the normal distribution.
+//! Directions that the data do not determine come out with a huge variance, not with an error.
 
 use nalgebra::{DMatrix, DVector};
 use realfft::RealFftPlanner;
@@ -27,6 +27,9 @@ const LEAST_FREEDOM: f64 = 16.0;
 /// Least width of a band in Hz, and its least width as a share of its frequency: the noise changes slowly within it.
 const LEAST_WIDTH_HZ: f64 = 0.5;
 const LEAST_WIDTH_SHARE: f64 = 0.12;
+
+/// Into how many blocks the recordings are divided at least.
+const LEAST_BLOCKS: usize = 16;
 
 /// The least level of a moment, as a share of the whole recording's: a quiet moment is also chance.
 const LEAST_LEVEL: f64 = 0.3;
@@ -239,10 +242,8 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
 
     let from_spectrum: DMatrix<f64> = by_band.iter().fold(prior.score_covariance.clone(), |sum, band| sum + band);
     let covariance = &inverse * from_spectrum * &inverse + &open;
-    let from_products = &inverse * (newey_west(fitted, &scale) + &prior.score_covariance) * &inverse;
-    let samples: usize = fitted.residuals[..fitted.origins.len()].iter().map(Vec::len).sum();
-    let joints = fitted.origins.iter().map(|origin| origin.joint + 1).max().unwrap_or(1);
-    let window_share = (fitted.correlated_samples * joints) as f64 / samples.max(1) as f64;
+    let left_out = blocks_left_out(fitted, &scale, &scaled_information, &inverse);
+    let of_prior = &inverse * &prior.score_covariance * &inverse;
     let widened = DVector::from_fn(count, |i, _| {
         let variance = covariance[(i, i)].max(f64::MIN_POSITIVE);
         let spread: f64 = by_band
@@ -251,8 +252,9 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
             .map(|(band, about)| (inverse.row(i) * band * inverse.column(i))[0].powi(2) / about.freedom)
             .sum();
         let freedom = variance * variance / spread.max(f64::MIN_POSITIVE);
-        let of_products = from_products[(i, i)].max(0.0).sqrt() * bartlett_over_normal(window_share);
-        (variance.sqrt() * student_over_normal(freedom)).max(of_products) / variance.sqrt()
+        let of_blocks =
+            (left_out.variance[i] + of_prior[(i, i)]).max(0.0).sqrt() * student_over_normal(left_out.freedom[i]);
+        (variance.sqrt() * student_over_normal(freedom)).max(of_blocks) / variance.sqrt()
     });
     let widened = DMatrix::from_fn(count, count, |i, j| covariance[(i, j)] * widened[i] * widened[j]);
 
@@ -276,13 +278,6 @@ pub fn certainty(fitted: &Fitted) -> Certainty {
 /// The 97.5 % point of Student's distribution over that of the normal distribution (first terms of Fisher's expansion).
 fn student_over_normal(freedom: f64) -> f64 {
     1.0 + 1.21 / freedom + 1.44 / (freedom * freedom)
-}
-
-/// The 97.5 % point of an estimate whose variance is itself estimated with Bartlett weights over this share of the samples,
-/// over that of the normal distribution (Kiefer & Vogelsang 2005).
-fn bartlett_over_normal(share: f64) -> f64 {
-    let b = share.min(1.0);
-    1.0 + (2.9694 * b + 0.4160 * b * b - 0.5324 * b * b * b) / 1.9600
 }
 
 fn inner(a: &[f64], b: &[f64]) -> f64 {
@@ -402,29 +397,82 @@ fn prior_evidence(fitted: &Fitted, scale: &DVector<f64>) -> Evidence {
     evidence
 }
 
-/// Covariance of the scaled score from the products of sensitivities and residuals (Newey & West 1987).
-fn newey_west(fitted: &Fitted, scale: &DVector<f64>) -> DMatrix<f64> {
+/// What leaving out blocks says about each scaled value.
+struct LeftOutBlocks {
+    variance: DVector<f64>,
+    /// Degrees of freedom: as many as there are blocks if all decide alike, fewer if a few decide most.
+    freedom: DVector<f64>,
+}
+
+/// The fit without each block of `correlated_samples` in turn, all joints of the block at once. Blocks are laid twice,
+/// half a block apart, so that it matters little where they begin.
+fn blocks_left_out(
+    fitted: &Fitted,
+    scale: &DVector<f64>,
+    information: &DMatrix<f64>,
+    inverse: &DMatrix<f64>,
+) -> LeftOutBlocks {
     let count = scale.len();
-    let mut meat = DMatrix::<f64>::zeros(count, count);
-    for index in 0..fitted.origins.len() {
-        let residual = &fitted.residuals[index];
-        let columns: Vec<&[f64]> = fitted.sensitivities.iter().map(|series| series[index].as_slice()).collect();
-        let score =
-            |k: usize| DVector::from_iterator(count, columns.iter().zip(scale).map(|(c, s)| c[k] * residual[k] / s));
-        // Bartlett's weighted lags are the mean of squared sums over all windows: one pass, no lag matrices.
-        let window = fitted.correlated_samples.clamp(1, residual.len().max(1));
-        let mut sum = DVector::<f64>::zeros(count);
-        for k in 0..residual.len() + window {
-            if k < residual.len() {
-                sum += score(k);
+    let mut variance = DVector::<f64>::zeros(count);
+    let (mut shares, mut squared_shares) = (DVector::<f64>::zeros(count), DVector::<f64>::zeros(count));
+    let groups = same_moments(&fitted.origins);
+    let samples: usize = groups.iter().map(|group| fitted.residuals[group.start].len()).sum();
+    let length = fitted.correlated_samples.min(samples / LEAST_BLOCKS).max(1);
+    for group in groups {
+        let until = fitted.residuals[group.start].len();
+        for first in [length, length.div_ceil(2)] {
+            let mut from = 0;
+            while from < until {
+                let next = if from == 0 { first } else { from + length };
+                // A rest shorter than half a block belongs to the block before it.
+                let to = if next + length / 2 >= until { until } else { next };
+                let (block, score) = score_of(fitted, scale, group.clone(), from..to);
+                let (without, rescale) = scaled_inverse(&(information - &block), ROUNDING);
+                let change = (without * score.component_div(&rescale)).component_div(&rescale);
+                let share = (inverse * &block * inverse).diagonal();
+                variance += 0.5 * change.component_mul(&change);
+                squared_shares += 0.5 * share.component_mul(&share);
+                shares += 0.5 * share;
+                from = to;
             }
-            if k >= window {
-                sum -= score(k - window);
-            }
-            meat.ger(1.0 / window as f64, &sum, &sum, 1.0);
         }
     }
-    meat
+    let freedom = shares.zip_map(&squared_shares, |sum, squares| sum * sum / squares.max(f64::MIN_POSITIVE));
+    LeftOutBlocks { variance, freedom: freedom.map(|freedom| freedom.max(1.0)) }
+}
+
+/// Ranges of series that were recorded at the same moments: the joints of one stretch.
+fn same_moments(origins: &[Origin]) -> Vec<std::ops::Range<usize>> {
+    let mut groups: Vec<std::ops::Range<usize>> = Vec::new();
+    for (index, origin) in origins.iter().enumerate() {
+        match groups.last_mut() {
+            Some(group) if origin.joint > 0 => group.end = index + 1,
+            _ => groups.push(index..index + 1),
+        }
+    }
+    groups
+}
+
+/// JᵀJ and Jᵀr, scaled, of some samples of some series.
+fn score_of(
+    fitted: &Fitted,
+    scale: &DVector<f64>,
+    series: std::ops::Range<usize>,
+    samples: std::ops::Range<usize>,
+) -> (DMatrix<f64>, DVector<f64>) {
+    let count = scale.len();
+    let (mut information, mut score) = (DMatrix::<f64>::zeros(count, count), DVector::<f64>::zeros(count));
+    for index in series {
+        let columns: Vec<&[f64]> = fitted.sensitivities.iter().map(|s| &s[index][samples.clone()]).collect();
+        for i in 0..count {
+            score[i] += inner(columns[i], &fitted.residuals[index][samples.clone()]) / scale[i];
+            for j in 0..=i {
+                information[(i, j)] += inner(columns[i], columns[j]) / (scale[i] * scale[j]);
+            }
+        }
+    }
+    mirror(&mut information);
+    (information, score)
 }
 
 #[cfg(test)]
