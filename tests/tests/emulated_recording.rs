@@ -14,8 +14,9 @@ const PERIOD_S: f64 = 3.65;
 /// differently ever after: two simulated boards whose commands act 0.1 µs apart differ by about as much.
 const ROUNDING_FLOOR_COUNTS: f64 = 0.5;
 
-/// What another delay of the command adds to that.
-const WITH_ASSUMED_DELAY_COUNTS: f64 = 0.6;
+/// What another delay of the command adds to that: 18 µs are a quarter of a count at top speed, and where the rounding
+/// falls differently for it is a matter of luck.
+const WITH_ASSUMED_DELAY_COUNTS: f64 = 0.75;
 
 /// What the paper's `fix()` adds to that: its cell of 0 is two counts wide, so a loop that passes zero, which this
 /// movement does at both its ends, is pushed by a count that a real encoder does not have.
