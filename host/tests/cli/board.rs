@@ -119,7 +119,7 @@ fn info_shows_the_board() {
     assert_eq!(info["board"], "simulated");
     assert_eq!(info["mode"], "idle");
     assert_eq!(info["protocol_version"], shared::protocol::PROTOCOL_VERSION);
-    assert_eq!((info["reset_cause"].as_str(), &info["last_fault"]), (Some("other"), &Value::Null));
+    assert_eq!((info["reset_cause"].as_str(), &info["last_fault"]), (Some("power-on"), &Value::Null));
     assert_eq!(info["links"][0]["telemetry_dropped"], 0);
     assert_eq!(info["stored"]["state"], "nothing");
     let text = bench.done("info --board sim");
@@ -127,7 +127,7 @@ fn info_shows_the_board() {
         "firmware      ",
         "(protocol 2)",
         "chip          ",
-        "last start    other",
+        "last start    power-on",
         "last fault    none",
         "dropped 0 rows",
     ] {
