@@ -1,13 +1,55 @@
 //! Many numbers side by side in vector registers, as one of the plant's number types.
 //!
-//! The instructions are chosen when the program runs (AVX-512, AVX2, SSE, NEON or plain code), by
-//! [`fearless_simd::dispatch`]; every lane gets the same result whatever its neighbours hold.
+//! The instructions are chosen when the program runs (AVX-512, AVX2, SSE2, NEON or plain code), by `on_vectors!`; every
+//! lane gets the same result whatever its neighbours hold.
 
 use fearless_simd::{Select, Simd, SimdFloat, SimdMask};
 use shared::scalar::{Mask, Number, Scalar};
 use std::fmt;
 use std::marker::PhantomData;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+/// Does `$work` with `$machine` standing for the widest vector instructions that this program was built for and finds.
+///
+/// Like [`fearless_simd::dispatch`], without a copy of the code for SSE4.2, which gains nothing on SSE2: a simulation is
+/// large, and every copy of it makes the program longer to build. The unit tests get the narrowest copy alone; what
+/// the wide ones compute is tested from outside the library.
+macro_rules! on_vectors {
+    ($machine:ident => $work:expr) => {{
+        let level = fearless_simd::Level::new();
+        #[cfg(target_arch = "x86_64")]
+        {
+            use fearless_simd::Simd;
+            #[cfg(not(test))]
+            let wide = if let Some($machine) = level.as_avx512() {
+                Some($machine.vectorize(
+                    #[inline(always)]
+                    || $work,
+                ))
+            } else if let Some($machine) = level.as_avx2() {
+                Some($machine.vectorize(
+                    #[inline(always)]
+                    || $work,
+                ))
+            } else {
+                None
+            };
+            #[cfg(test)]
+            let wide = None;
+            match (wide, level.as_sse2()) {
+                (Some(result), _) => result,
+                (None, Some($machine)) => $machine.vectorize(
+                    #[inline(always)]
+                    || $work,
+                ),
+                (None, None) => unreachable!("every x86-64 has SSE2"),
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        fearless_simd::dispatch!(level, $machine => $work)
+    }};
+}
+pub(crate) use on_vectors;
 
 /// `GROUPS` vectors `V` of the machine `S`. More than one group, because an operation has to wait for the one before
 /// it: the groups' chains of operations run in each other's gaps.

@@ -1,6 +1,6 @@
 //! The paper's objective for many candidates at once: the plant on vector lanes, the lanes shared out to all cores.
 
-use fearless_simd::{Level, Simd, SimdFloat, dispatch, f32x16, f64x8};
+use fearless_simd::{Level, Simd, SimdFloat, f32x16, f64x8};
 use rayon::prelude::*;
 use shared::control::PositionLoop;
 use shared::plant::Plant;
@@ -10,7 +10,7 @@ use shared::scalar::{Number, Scalar};
 use super::experiment::{Experiment, Fineness, Segment};
 use super::followed;
 use super::simulation::Simulation;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, on_vectors};
 
 /// Vectors per operation in double precision: two chains of operations run in each other's gaps.
 const DOUBLE_GROUPS: usize = 2;
@@ -40,9 +40,8 @@ impl Experiment<'_> {
     /// plant to the bit, whatever stands beside it and on however many threads.
     pub fn objectives_counts2(&self, plants: &[Plant<f64>]) -> Vec<f64> {
         let Some(loops) = followed::loops(self) else { return self.objectives_from_zero_counts2(plants) };
-        let level = Level::new();
         let judge = |plants: &[Plant<f64>]| {
-            dispatch!(level, machine => followed_on_lanes::<_, f64x8<_>, _, DOUBLE_GROUPS>(
+            on_vectors!(machine => followed_on_lanes::<_, f64x8<_>, _, DOUBLE_GROUPS>(
                 machine, self, &loops, plants, |segment| &segment.followed.double
             ))
         };
@@ -55,9 +54,8 @@ impl Experiment<'_> {
     /// double precision as well.
     pub fn search_objectives_counts2(&self, plants: &[Plant<f64>]) -> Vec<f64> {
         let Some(loops) = followed::loops(self) else { return self.objectives_from_zero_counts2(plants) };
-        let level = Level::new();
         let judge = |plants: &[Plant<f64>]| {
-            dispatch!(level, machine => followed_on_lanes::<_, f32x16<_>, _, SINGLE_GROUPS>(
+            on_vectors!(machine => followed_on_lanes::<_, f32x16<_>, _, SINGLE_GROUPS>(
                 machine, self, &loops, plants, |segment| &segment.followed.single
             ))
         };
@@ -75,9 +73,8 @@ impl Experiment<'_> {
     }
 
     fn objectives_from_zero_counts2(&self, plants: &[Plant<f64>]) -> Vec<f64> {
-        let level = Level::new();
-        let judge = |plants: &[Plant<f64>]| dispatch!(level, machine => on_lanes(machine, self, plants));
-        plants.par_chunks(DOUBLE_LANES).flat_map_iter(judge).collect()
+        let judge = |plants: &[Plant<f64>]| on_vectors!(machine => on_lanes(machine, self, plants));
+        plants.par_chunks(on_vectors!(machine => lanes(machine))).flat_map_iter(judge).collect()
     }
 }
 
@@ -130,11 +127,18 @@ fn followed_on_lanes<
         .collect()
 }
 
+/// As many candidates as this machine's registers hold: this way of counting is rare, and its code is large.
+type Wide<S> = Lanes<S, <S as Simd>::f64s, DOUBLE_GROUPS>;
+
+fn lanes<S: Simd>(_: S) -> usize {
+    Wide::<S>::COUNT
+}
+
 #[inline(always)]
 fn on_lanes<S: Simd>(machine: S, experiment: &Experiment, plants: &[Plant<f64>]) -> Vec<f64> {
     // Lanes without a candidate repeat the last one.
     let number = |constant: &dyn Fn(&Plant<f64>) -> f64| {
-        Lanes::<S, f64x8<S>, DOUBLE_GROUPS>::from_fn(machine, |lane| constant(&plants[lane.min(plants.len() - 1)]))
+        Wide::<S>::from_fn(machine, |lane| constant(&plants[lane.min(plants.len() - 1)]))
     };
     let simulation = Simulation { experiment, plant: Plant::from_constants(number) };
     let settings = experiment.settings(experiment.closed_loop_substeps(Fineness::Coarse));

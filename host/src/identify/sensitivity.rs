@@ -1,6 +1,6 @@
 //! Exact sensitivities: the plant on dual numbers whose lanes differentiate by one parameter each.
 
-use fearless_simd::{Level, Simd, dispatch, f64x8};
+use fearless_simd::Simd;
 use rayon::prelude::*;
 use shared::dual::Dual;
 use shared::plant::Plant;
@@ -8,7 +8,7 @@ use shared::plant::Plant;
 use super::experiment::{Experiment, Fineness, Segment};
 use super::parameters::{Parameter, Values};
 use super::simulation::Simulation;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, on_vectors};
 
 /// Which residual of the model is meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,9 +22,16 @@ pub enum Residual {
 /// One value per sample, for each segment and joint.
 pub type Columns = Vec<[Vec<f64>; 2]>;
 
-/// Vectors per operation. Two hold the usual thirteen parameters at once.
+/// Vectors per operation. With the widest instructions, two hold the usual thirteen parameters at once.
 const GROUPS: usize = 2;
-const LANES: usize = 8 * GROUPS;
+
+/// A parameter in each lane, as many as this machine's registers hold: more would make the code for narrow ones many
+/// times larger and no faster.
+type Wide<S> = Lanes<S, <S as Simd>::f64s, GROUPS>;
+
+fn lanes<S: Simd>(_: S) -> usize {
+    Wide::<S>::COUNT
+}
 
 impl Experiment<'_> {
     /// The residual in counts at `values`.
@@ -37,12 +44,10 @@ impl Experiment<'_> {
 
     /// The derivative of [`Experiment::residual`] by each parameter of `free`, in counts per unit of the parameter.
     pub fn sensitivities(&self, values: &Values, free: &[Parameter], which: Residual) -> Vec<Columns> {
-        let level = Level::new();
-        free.chunks(LANES)
+        free.chunks(on_vectors!(machine => lanes(machine)))
             .flat_map(|free| {
-                let of_segment = |segment: &Segment| {
-                    dispatch!(level, machine => on_lanes(machine, self, segment, values, free, which))
-                };
+                let of_segment =
+                    |segment: &Segment| on_vectors!(machine => on_lanes(machine, self, segment, values, free, which));
                 let by_segment: Vec<Vec<[Vec<f64>; 2]>> = self.segments.par_iter().map(of_segment).collect();
                 by_parameter(by_segment, free.len())
             })
@@ -74,14 +79,14 @@ fn on_lanes<S: Simd>(
     let at = |parameter: &Parameter, value: f64| values.with(&[*parameter], &[value]).plant(experiment.robot);
     let ends: Vec<[Plant<f64>; 2]> = free.iter().map(|parameter| [at(parameter, 0.0), at(parameter, 1.0)]).collect();
     let number = |constant: &dyn Fn(&Plant<f64>) -> f64| Dual {
-        value: Lanes::<S, f64x8<S>, GROUPS>::splat(machine, constant(&plant)),
-        slope: Lanes::from_fn(machine, |lane| ends.get(lane).map_or(0.0, |[zero, one]| constant(one) - constant(zero))),
+        value: Wide::<S>::splat(machine, constant(&plant)),
+        slope: Wide::from_fn(machine, |lane| ends.get(lane).map_or(0.0, |[zero, one]| constant(one) - constant(zero))),
     };
     let simulation = Simulation { experiment, plant: Plant::from_constants(number) };
     let samples = segment.error_counts.len();
     let mut columns: Vec<[Vec<f64>; 2]> =
         free.iter().map(|_| [Vec::with_capacity(samples), Vec::with_capacity(samples)]).collect();
-    let mut push = |residual: [Dual<Lanes<S, f64x8<S>, GROUPS>>; 2]| {
+    let mut push = |residual: [Dual<Wide<S>>; 2]| {
         for (lane, column) in columns.iter_mut().enumerate() {
             column[0].push(residual[0].slope.get(lane));
             column[1].push(residual[1].slope.get(lane));
