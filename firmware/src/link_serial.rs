@@ -4,9 +4,11 @@
 use embassy_stm32::{
     Peri, bind_interrupts, dma,
     mode::Async,
+    pac,
     peripherals::{DMA1_CH1, DMA1_CH3, PD8, PD9, USART3},
     usart::{self, Config, ConfigError, RingBufferedUartRx, Uart, UartTx},
 };
+use embassy_time::{Duration, with_timeout};
 use shared::protocol::MAX_FRAME;
 use static_cell::ConstStaticCell;
 
@@ -17,6 +19,15 @@ const BAUD_RATE: u32 = 1_000_000;
 
 /// Received bytes wait here for the task: 10 ms at 1 Mbaud.
 const RECEIVE_BUFFER_BYTES: usize = 1024;
+
+/// How often to look whether DMA still moves received bytes. Stopped, by an error on its bus for one, it says nothing.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
+/// Longer than the longest frame takes.
+const SEND_TIMEOUT: Duration = Duration::from_millis(50);
+
+/// The stream of DMA1 that moves received bytes.
+const RECEIVE_STREAM: usize = 1;
 
 bind_interrupts!(struct Interrupts {
     USART3 => usart::InterruptHandler<USART3>;
@@ -40,26 +51,29 @@ pub fn open(
     Ok((transmitter, receiver.into_ring_buffered(RECEIVE_BUFFER.take())))
 }
 
-/// Passes received bytes on.
+/// Passes received bytes on, and starts DMA again where it has stopped.
 #[embassy_executor::task]
 pub async fn receive(mut uart: RingBufferedUartRx<'static>, mut link: ReceiveEnd) {
     let mut bytes = [0; 64];
     loop {
-        match uart.read(&mut bytes).await {
-            Ok(count) => link.accept(&bytes[..count]).await,
+        match with_timeout(LOOK_EVERY, uart.read(&mut bytes)).await {
+            Ok(Ok(count)) => link.accept(&bytes[..count]).await,
             // Bytes are missing now; the CRC of the frame they belong to will tell.
-            Err(error) => defmt::warn!("serial receive: {}", error),
+            Ok(Err(error)) => defmt::warn!("serial receive: {}", error),
+            Err(_) if pac::DMA1.st(RECEIVE_STREAM).cr().read().en() => {}
+            Err(_) => uart.start_uart(),
         }
     }
 }
 
-/// Sends what the board has to say.
+/// Sends what the board has to say. What DMA does not get done in time is given up, and DMA with it: the next frame starts
+/// it again.
 #[embassy_executor::task]
 pub async fn send(mut uart: UartTx<'static, Async>, mut link: SendEnd) {
     let mut buffer = [0; MAX_FRAME];
     loop {
         let frame = link.next_frame(&mut buffer).await;
-        if let Err(error) = uart.write(frame).await {
+        if let Ok(Err(error)) = with_timeout(SEND_TIMEOUT, uart.write(frame)).await {
             defmt::warn!("serial send: {}", error);
         }
     }

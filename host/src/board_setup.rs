@@ -14,7 +14,7 @@ const FOLLOWING_ERROR_LIMIT_COUNTS: f64 = 1000.0;
 const SPEED_MARGIN: f64 = 1.5;
 /// Measured current that is a fault, as a share of the sensor's full scale: beyond it the sensor says nothing.
 const OVER_CURRENT_SHARE: f64 = 0.95;
-/// Silence of the host that ends a movement: ten keep-alives.
+/// Silence of the host that switches the amplifiers off: ten keep-alives.
 const LINK_TIMEOUT_NS: u64 = 1_000_000_000;
 /// How long a command may stay at the amplifier's limit: the peak rating of a 12A8 is for two seconds.
 const CURRENT_LIMIT_TIME_NS: u64 = 500_000_000;
@@ -77,7 +77,10 @@ pub fn configuration(robot: &Robot) -> Result<Configuration, SetupError> {
             speed_rad_s: pair(|joint| joint.limits.speed_rad_s),
             acceleration_rad_s2: pair(|joint| joint.limits.acceleration_rad_s2),
             // What the speed limits allow the faster counting joint; a finer encoder must not tighten them.
-            counts_per_tick: counts_per_tick(second).max(counts_per_tick(third)).ceil() as f32,
+            counts_per_tick: robot
+                .counts_per_tick_limit
+                .unwrap_or_else(|| counts_per_tick(second).max(counts_per_tick(third)).ceil())
+                as f32,
         },
         model_range: ModelRange::around(robot.search.map(|[low, _]| low), robot.search.map(|[_, high]| high)),
     })

@@ -3,9 +3,11 @@
 mod bench;
 mod calibrate;
 mod common;
+mod compare;
 mod demo;
 mod drawing;
 mod error;
+mod excite;
 #[cfg(feature = "flash")]
 mod flash;
 mod identify;
@@ -13,6 +15,7 @@ mod info;
 mod interrupt;
 mod monitor;
 mod progress;
+mod ranges;
 mod record;
 mod run;
 mod simulate;
@@ -59,6 +62,12 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Find f1..f9 and friction from recordings.
     Identify(identify::Identify),
+    /// Compare models with each other and with recordings, or recordings with each other.
+    Compare(compare::Compare),
+    /// Design the movement that determines f1..f9 best within the robot's limits.
+    Excite(excite::Excite),
+    /// Compute search ranges of f from bounds on masses, centres and inertias, or check a model against them.
+    Ranges(ranges::Ranges),
     /// Put a model onto the board, in two phases with read-back.
     Upload(upload::Upload),
     /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
@@ -81,6 +90,9 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Bench(command) => command.run(),
         Command::Calibrate(command) => command.run(),
         Command::Identify(command) => command.run(),
+        Command::Compare(command) => command.run(),
+        Command::Excite(command) => command.run(),
+        Command::Ranges(command) => command.run(),
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Simulate(command) => command.run(),

@@ -1,8 +1,8 @@
-//! From an identification to a model file.
+//! From an identification to a model file and back.
 
 use shared::arm::PARAMETERS;
 
-use crate::identify::{Identification, Parameter};
+use crate::identify::{Identification, Parameter, Values};
 use crate::model::{Effect, Model};
 use crate::recording::Recording;
 use crate::robot::{Kind, Robot};
@@ -27,7 +27,7 @@ pub fn from_identification(robot: &Robot, found: &Identification, provenance: to
         let parameter = Parameter::TorqueOffset(index);
         let sought = found.free.contains(&parameter);
         sought.then(|| Effect {
-            name: "torque-offset".into(),
+            name: TORQUE_OFFSET.into(),
             joint: robot.joints[index].name.clone(),
             parameters: [("torque_nm".to_string(), values.torque_offset_nm[index])].into(),
             standard_error: found
@@ -47,6 +47,24 @@ pub fn from_identification(robot: &Robot, found: &Identification, provenance: to
         effects: (0..joints).filter_map(offset).collect(),
         provenance,
     }
+}
+
+/// The name of the constant torque of a motor among a model's effects.
+const TORQUE_OFFSET: &str = "torque-offset";
+
+/// What a simulation takes from a model: f, friction and torque offsets. Other effects are left out.
+pub fn values(robot: &Robot, model: &Model) -> Values {
+    let mut values = Values::of_robot(robot);
+    values.f = model.f;
+    for (index, joint) in robot.joints.iter().enumerate().take(2) {
+        let own = |values: &[f64], known: f64| values.get(index).copied().unwrap_or(known);
+        values.viscous_nm_s_per_rad[index] = own(&model.viscous_nm_s_per_rad, values.viscous_nm_s_per_rad[index]);
+        values.coulomb_nm[index] = own(&model.coulomb_nm, values.coulomb_nm[index]);
+        let mut offsets = model.effects.iter().filter(|e| e.name == TORQUE_OFFSET && e.joint == joint.name);
+        values.torque_offset_nm[index] =
+            offsets.find_map(|effect| effect.parameters.get("torque_nm").copied()).unwrap_or(0.0);
+    }
+    values
 }
 
 /// Where a model comes from.

@@ -5,11 +5,17 @@
 //!                            linear.rs        least_squares.rs       search.rs           least_squares.rs
 //! ```
 //!
-//! `full` goes the whole way; `paper` is the genetic algorithm alone, over the whole search range.
+//! `full` goes the whole way; `paper` is the genetic algorithm alone, over the whole search range; `linear` and `didim`
+//! (baselines.rs) are what others do, to compare with.
 
+mod baselines;
 mod batch;
+mod certainty;
+mod consistency;
+mod covariance;
 mod experiment;
 mod followed;
+mod foreseen;
 mod least_squares;
 mod linear;
 mod low_pass;
@@ -18,21 +24,24 @@ mod parameters;
 mod search;
 mod sensitivity;
 mod simulation;
+mod smoothed;
 mod stages;
 
 use std::path::PathBuf;
 use std::time::Instant;
 
-use shared::arm::ArmError;
+use nalgebra::DMatrix;
+use shared::arm::{ArmError, PARAMETERS};
 
 pub use batch::{SEARCH_LANES, instructions};
+pub use certainty::{Direction, LeftOut, Repeats, weak_directions};
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
-pub use parameters::{FrictionMode, Parameter, Values, free_parameters};
-pub use search::{Found, Generation, SearchBox, search};
+pub use parameters::{FrictionMode, Parameter, Prior, Sought, Values, free_parameters};
+pub use search::{Found, Generation, Judge, SearchBox, acceptable, search};
 pub use sensitivity::{Columns, Residual};
 
-use crate::recording::Recording;
+use crate::recording::{Finding, Recording, SoundPart};
 use crate::robot::{Kind, Robot};
 use stages::Run;
 
@@ -47,17 +56,31 @@ pub enum Method {
     Full,
     /// The paper's genetic algorithm alone, on the whole search range.
     Paper,
+    /// Plain least squares of the inverse dynamics on zero-phase low-passed signals (IDIM-LS): a baseline to compare
+    /// with.
+    Linear,
+    /// The same on the simulated loop's motion instead of the measured one, repeated (DIDIM): a baseline to compare
+    /// with.
+    Didim,
 }
 
 /// What to do.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Options {
     /// The method.
     pub method: Method,
-    /// How friction enters.
-    pub friction: FrictionMode,
+    /// Which parameters are sought.
+    pub sought: Sought,
     /// Seed of the genetic algorithm.
     pub seed: u64,
+    /// Recorded and simulated signals pass the same zero-phase low-pass of this cut-off frequency in Hz before they are
+    /// compared, so that oscillations the model does not have are left out. For `linear` and `didim` the cut-off of
+    /// their own filter.
+    pub filter_hz: Option<f64>,
+    /// Takes every sample as recorded: nothing is mended, nothing cut, no torque offset sought.
+    pub as_recorded: bool,
+    /// What is known beforehand; parameters that are not sought are left as they are.
+    pub priors: Vec<Prior>,
 }
 
 /// Where an identification is.
@@ -74,6 +97,34 @@ pub struct Progress {
 /// What stops an identification.
 #[derive(Debug, thiserror::Error)]
 pub enum IdentifyError {
+    /// The paper's method knows no filter.
+    #[error("the genetic algorithm alone compares unfiltered signals; use --filter with another --method")]
+    NoFilter,
+    /// A cut-off frequency that no filter can have.
+    #[error(
+        "--filter is {cutoff_hz} Hz, but must be from {low_hz} to {high_hz:.0} Hz: the motion is below, half the sampling rate above"
+    )]
+    Filter {
+        /// The cut-off frequency.
+        cutoff_hz: f64,
+        /// The least.
+        low_hz: f64,
+        /// The greatest.
+        high_hz: f64,
+    },
+    /// Of a recording hardly anything can be used.
+    #[error(
+        "{path}: after what had to be left out no stretch of {needed} samples is left ({reasons}); record again, or use every \
+         sample with --as-recorded"
+    )]
+    NothingSound {
+        /// The recording.
+        path: PathBuf,
+        /// Samples needed in one stretch.
+        needed: usize,
+        /// What was left out and why.
+        reasons: String,
+    },
     /// No recording was given.
     #[error("no recording to identify from; give at least one")]
     NoRecording,
@@ -128,6 +179,18 @@ pub struct Identification {
     pub standard_errors: Option<Vec<f64>>,
     /// Correlation of the sought parameters' errors.
     pub correlations: Option<Vec<Vec<f64>>>,
+    /// Covariance of the sought parameters' errors, row by row.
+    pub covariance: Option<Vec<Vec<f64>>>,
+    /// Condition number of the information matrix, scaled to a unit diagonal: 1 where every parameter shows by itself.
+    pub condition_number: Option<f64>,
+    /// Combinations of the sought parameters that these recordings do not determine.
+    pub weak_directions: Vec<Direction>,
+    /// Bounds that a real machine keeps to and that the values lie on: the recordings alone would have crossed them.
+    pub touched_bounds: Vec<String>,
+    /// Each recording judged by a fit to the others, in the order of the recordings; empty for a single one.
+    pub left_out: Vec<LeftOut>,
+    /// Movements that were recorded more than once, with how far their estimates scatter.
+    pub repeats: Vec<Repeats>,
     /// Whether the model leaves far more than noise: something is missing from it, and standard errors tell only how
     /// far the best fit is determined, not how far it is true.
     pub lack_of_fit: bool,
@@ -154,13 +217,38 @@ pub struct Identification {
     pub generations: Vec<Generation>,
     /// Samples fitted.
     pub samples: usize,
+    /// What was found in the recordings and done about it, in words, each with its file.
+    pub findings: Vec<String>,
 }
 
 impl Identification {
-    /// The standard error of one parameter, if it was sought.
+    /// The standard error of one parameter, if it was sought or follows from one that was.
     pub fn standard_error(&self, parameter: Parameter) -> Option<f64> {
-        let index = self.free.iter().position(|&p| p == parameter)?;
-        Some(self.standard_errors.as_ref()?[index])
+        let of = |parameter: Parameter| {
+            let index = self.free.iter().position(|&p| p == parameter)?;
+            Some(self.standard_errors.as_ref()?[index])
+        };
+        match (self.values.upper_arm_m, parameter) {
+            (Some(length), Parameter::F(index @ (2 | 3))) => of(Parameter::F(index + 2)).map(|error| length * error),
+            _ => of(parameter),
+        }
+    }
+}
+
+impl Identification {
+    /// The inverse covariance of f1..f9, whatever else was sought: the metric in which one f is near another. An f that
+    /// was not sought, or follows from others, counts as known to a thousandth of its own size; so does everything where
+    /// the method gives no standard errors.
+    pub fn f_information(&self) -> DMatrix<f64> {
+        let sought: Vec<Option<usize>> =
+            (0..PARAMETERS).map(|index| self.free.iter().position(|&free| free == Parameter::F(index))).collect();
+        let covariance =
+            DMatrix::from_fn(PARAMETERS, PARAMETERS, |i, j| match (&self.covariance, sought[i], sought[j]) {
+                (Some(covariance), Some(i), Some(j)) => covariance[i][j],
+                _ if i == j => (1e-3 * self.values.f[i].abs().max(1e-2)).powi(2),
+                _ => 0.0,
+            });
+        covariance::inverse(&covariance)
     }
 }
 
@@ -178,13 +266,27 @@ pub fn identify(
     if recordings.is_empty() {
         return Err(IdentifyError::NoRecording);
     }
-    let experiment = Experiment::new(robot, recordings)?;
+    check_filter(robot, options)?;
+    let fitted = Usable::of(robot, recordings, options);
+    let experiment = fitted.experiment(robot)?;
     check_motion(&experiment)?;
-    let free = free_parameters(robot, options.friction);
-    let run = Run { experiment: &experiment, free: &free, seed: options.seed, progress };
+    let mut free = free_parameters(robot, &options.sought);
+    free.extend(fitted.offsets.iter().copied().filter(|offset| !free.contains(offset)).collect::<Vec<_>>());
+    let priors: Vec<Prior> = options.priors.iter().copied().filter(|prior| free.contains(&prior.parameter)).collect();
+    let run = Run {
+        experiment: &experiment,
+        free: &free,
+        priors: &priors,
+        upper_arm_m: options.sought.upper_arm_m,
+        seed: options.seed,
+        filter_hz: options.filter_hz,
+        progress,
+    };
     let outcome = match options.method {
         Method::Full => run.full()?,
         Method::Paper => run.paper()?,
+        Method::Linear => run.linear(),
+        Method::Didim => run.didim(),
     };
     let values = outcome.values;
     if robot.kind == Kind::TwoLink {
@@ -195,19 +297,24 @@ pub fn identify(
     if options.method == Method::Full && (worst.is_nan() || worst >= largest_error(&experiment)) {
         return Err(IdentifyError::NothingFits { rms_counts: worst });
     }
+    let mut findings = fitted.findings.clone();
     let (mut held_out_rms_counts, mut held_out_innovation_rms_counts) = (Vec::new(), Vec::new());
     if !held_out.is_empty() {
-        let check = Experiment::new(robot, held_out)?;
+        let check = Usable::of(robot, held_out, options);
+        findings.extend(check.findings.iter().cloned());
+        let check = check.experiment(robot)?;
         held_out_rms_counts = check.closed_loop_rms_counts(&values);
         held_out_innovation_rms_counts = check.innovation_rms_counts(&values);
     }
-    let not_identifiable = outcome
-        .standard_errors
+    let tolerances: Vec<f64> = free.iter().map(|&parameter| identifiable_below(robot, &values, parameter)).collect();
+    let standard_errors = outcome.certainty.as_ref().map(|certainty| certainty::standard_errors(&certainty.covariance));
+    let not_identifiable = standard_errors
         .iter()
-        .flat_map(|errors| free.iter().zip(errors))
-        .filter(|&(&parameter, &error)| error.is_nan() || error >= identifiable_below(robot, &values, parameter))
-        .map(|(&parameter, _)| parameter)
+        .flat_map(|errors| free.iter().zip(errors).zip(&tolerances))
+        .filter(|&((_, &error), &tolerance)| error.is_nan() || error >= tolerance)
+        .map(|((&parameter, _), _)| parameter)
         .collect();
+    let certainty = outcome.certainty.as_ref();
     Ok(Identification {
         objective_counts2: experiment.objective_counts2(&values),
         rms_counts,
@@ -215,17 +322,92 @@ pub fn identify(
         innovation_rms_counts: experiment.innovation_rms_counts(&values),
         held_out_innovation_rms_counts,
         force_gap_rms: robot.current_is_command.then(|| experiment.force_gap_rms(&values)),
+        correlations: certainty.map(|certainty| certainty::correlations(&certainty.covariance)),
+        covariance: certainty.map(|certainty| certainty::rows(&certainty.covariance)),
+        condition_number: certainty.map(|certainty| certainty::condition_number(&certainty.scaled_information)),
+        weak_directions: certainty
+            .map_or(Vec::new(), |certainty| weak_directions(&values, &free, &certainty.covariance, &tolerances)),
+        touched_bounds: consistency::touched_bounds(robot, &values),
+        left_out: certainty
+            .map_or(Vec::new(), |certainty| certainty::left_out(robot, recordings, &values, &free, certainty)),
+        repeats: certainty.map_or(Vec::new(), |certainty| certainty::repeats(recordings, certainty)),
         values,
         free,
-        standard_errors: outcome.standard_errors,
-        correlations: outcome.correlations,
+        standard_errors,
         not_identifiable,
         lack_of_fit: outcome.lack_of_fit,
         evaluations: outcome.evaluations,
         seconds: started.elapsed().as_secs_f64(),
         generations: outcome.generations,
         samples: experiment.samples(),
+        findings,
     })
+}
+
+/// Recordings as far as they can be used, and what was found in them.
+struct Usable {
+    recordings: Vec<Recording>,
+    findings: Vec<String>,
+    /// What was left out of each recording and why.
+    cuts: Vec<Vec<String>>,
+    /// The torque offsets that a bias of the current makes worth seeking.
+    offsets: Vec<Parameter>,
+}
+
+impl Usable {
+    fn of(robot: &Robot, recordings: &[Recording], options: &Options) -> Self {
+        let mut usable = Self { recordings: Vec::new(), findings: Vec::new(), cuts: Vec::new(), offsets: Vec::new() };
+        for recording in recordings {
+            if options.as_recorded {
+                usable.recordings.push(recording.clone());
+                usable.cuts.push(Vec::new());
+                continue;
+            }
+            let SoundPart { recording, findings, current_offset_a } = recording.sound_part(robot);
+            let path = recording.path.display();
+            usable.findings.extend(findings.iter().map(|finding| format!("{path}: {finding}")));
+            let is_cut = |finding: &&Finding| matches!(finding, Finding::Cut { .. });
+            usable.cuts.push(findings.iter().filter(is_cut).map(ToString::to_string).collect());
+            for (joint, offset) in current_offset_a.iter().enumerate() {
+                let parameter = Parameter::TorqueOffset(joint);
+                if offset.is_some() && !usable.offsets.contains(&parameter) {
+                    usable.offsets.push(parameter);
+                }
+            }
+            usable.recordings.push(recording);
+        }
+        usable
+    }
+
+    fn experiment<'a>(&self, robot: &'a Robot) -> Result<Experiment<'a>, IdentifyError> {
+        Experiment::new(robot, &self.recordings).map_err(|error| match error {
+            IdentifyError::TooShort { path, samples, needed } => {
+                let cuts = self.recordings.iter().zip(&self.cuts).find(|(recording, _)| recording.path == path);
+                match cuts {
+                    Some((_, cuts)) if !cuts.is_empty() => {
+                        IdentifyError::NothingSound { path, needed, reasons: cuts.join("; ") }
+                    }
+                    _ => IdentifyError::TooShort { path, samples, needed },
+                }
+            }
+            error => error,
+        })
+    }
+}
+
+/// No movement of an arm is below this frequency altogether.
+const LOWEST_FILTER_HZ: f64 = 2.0;
+
+fn check_filter(robot: &Robot, options: &Options) -> Result<(), IdentifyError> {
+    let Some(cutoff_hz) = options.filter_hz else { return Ok(()) };
+    if options.method == Method::Paper {
+        return Err(IdentifyError::NoFilter);
+    }
+    let high_hz = 0.5 / robot.record_period_s;
+    if (LOWEST_FILTER_HZ..=high_hz).contains(&cutoff_hz) {
+        return Ok(());
+    }
+    Err(IdentifyError::Filter { cutoff_hz, low_hz: LOWEST_FILTER_HZ, high_hz })
 }
 
 /// The standard error from which a parameter counts as undetermined: a share of the search range for f, half the

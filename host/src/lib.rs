@@ -7,6 +7,8 @@
 //! firmware_image                             what may be flashed to a board
 //! hidden_robot                               what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! excite                                     the movement that determines the parameters best
+//! explain_benchmark                          verdicts on recordings with hidden effects against the truth
 //! ```
 #![forbid(unsafe_code)]
 #![expect(clippy::result_large_err, reason = "an error ends the command; none is on a path that is often taken")]
@@ -16,7 +18,10 @@ pub mod board_setup;
 pub mod calibrate;
 pub mod capture;
 pub mod client;
+mod convex;
 mod edit_distance;
+pub mod excite;
+pub mod explain_benchmark;
 pub mod file_error;
 pub mod firmware_image;
 pub mod hidden_robot;
@@ -24,7 +29,9 @@ pub mod identified_model;
 pub mod identify;
 pub mod lanes;
 pub mod link;
+pub mod links;
 pub mod model;
+pub mod prior;
 mod random;
 pub mod recording;
 pub mod robot;

@@ -3,6 +3,7 @@
 mod manifest;
 mod plausible;
 mod read;
+mod sound;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -10,6 +11,7 @@ use std::path::{Path, PathBuf};
 use shared::control::PositionLoop;
 
 pub use manifest::{Manifest, ManifestJoint, Mode};
+pub use sound::{Finding, SoundPart};
 
 use crate::file_error::FileError;
 use crate::robot::{Law, Robot};
@@ -100,7 +102,7 @@ impl Recording {
             .collect()
     }
 
-    /// Refuses a recording whose manifest contradicts the robot file: another controller, period or gain.
+    /// Refuses a recording whose manifest contradicts the robot file: another controller or period, or an unstable gain.
     ///
     /// For whoever repeats the recording with the robot file's loop; `calibrate` only wants the periods.
     pub fn check_conditions(&self, robot: &Robot) -> Result<(), FileError> {

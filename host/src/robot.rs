@@ -31,6 +31,9 @@ pub struct Robot {
     pub loop_period_s: f64,
     /// From sampling the encoders to the new current, in s; below one loop period.
     pub command_delay_s: f64,
+    /// The most counts the reference of either joint may move in one record period, if the file gives it; otherwise
+    /// what the speed limits allow.
+    pub counts_per_tick_limit: Option<f64>,
     /// References and errors are whole counts after `fix()`.
     pub quantised: bool,
     /// `cur` is the controller's output of the same tick, not a measurement of the tick before.
@@ -236,6 +239,7 @@ impl Robot {
             record_period_s: 0.0007,
             loop_period_s: 0.0007,
             command_delay_s: 0.00003,
+            counts_per_tick_limit: None,
             quantised: true,
             current_is_command: false,
             joints: vec![joint(0, "2", 107.8, 800.0, 0.817e-3, 0.124), joint(1, "3", -53.7, 1000.0, 1.38e-3, 0.146)],
@@ -320,6 +324,15 @@ impl Robot {
             "from 0 to below one loop period",
             "give it in seconds",
         )?;
+        if let Some(limit) = self.counts_per_tick_limit {
+            all(
+                "counts_per_tick_limit",
+                limit,
+                limit > 0.0,
+                "a finite number above 0",
+                "leave it out for what the speed limits allow",
+            )?;
+        }
         self.check_joint_names()?;
         for (index, joint) in self.joints.iter().enumerate() {
             joint.check(|field, value, good, limit, remedy| check(Some(index), field, value, good, limit, remedy))?;

@@ -14,12 +14,14 @@
 //! points_rad = [[0.0, 0.0], [-0.2, 0.3], [0.0, 0.0]]
 //! ```
 
+use std::f64::consts::FRAC_PI_4;
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use shared::trajectory::{Fourier, Harmonic, MAX_HARMONICS, Paper, Points, Trajectory};
 use toml::Spanned;
 
+use crate::atomic;
 use crate::file_error::{FileError, Problem};
 use crate::toml_text::TomlText;
 
@@ -74,6 +76,66 @@ pub fn paper(period_s: f64) -> Option<Trajectory> {
 /// Reads a movement. Limits are checked when it is loaded.
 pub fn read(path: &Path) -> Result<Trajectory, FileError> {
     parse(&TomlText::read(path)?)
+}
+
+/// Writes a movement that [`read`] gives back to the bit, with `heading` as a comment. The paper's movement becomes
+/// the Fourier series it is.
+pub fn write(path: &Path, trajectory: &Trajectory, heading: &str) -> Result<(), FileError> {
+    let text = TrajectoryText::of(trajectory);
+    let text = toml::to_string(&text).map_err(|error| FileError::not_serializable(path, error))?;
+    let heading: String = heading.lines().map(|line| format!("# {line}\n")).collect();
+    atomic::write(path, (heading + &text).as_bytes())
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "lowercase")]
+enum TrajectoryText {
+    Fourier { period_s: f64, repeats: u32, fade_s: f64, centre_rad: [f64; 2], harmonic: Vec<HarmonicText> },
+    Points { interval_s: f64, points_rad: Vec<[f64; 2]> },
+}
+
+#[derive(Serialize)]
+struct HarmonicText {
+    cosine_rad: [f64; 2],
+    sine_rad: [f64; 2],
+}
+
+impl TrajectoryText {
+    fn of(trajectory: &Trajectory) -> Self {
+        // Through decimal text, so that an f32's 0.1 is written as 0.1 and not as 0.10000000149011612.
+        let decimal = |value: f32| value.to_string().parse().unwrap_or(f64::from(value));
+        let decimals = |pair: [f32; 2]| pair.map(decimal);
+        let seconds = |duration_ns: u64| duration_ns as f64 * 1e-9;
+        match trajectory {
+            Trajectory::Paper(paper) => Self::Fourier {
+                period_s: seconds(paper.period_ns),
+                repeats: 1,
+                fade_s: 0.0,
+                centre_rad: [-FRAC_PI_4, FRAC_PI_4],
+                harmonic: [[FRAC_PI_4, 0.0], [0.0, -FRAC_PI_4]]
+                    .map(|cosine_rad| HarmonicText { cosine_rad, sine_rad: [0.0; 2] })
+                    .into(),
+            },
+            Trajectory::Fourier(fourier) => Self::Fourier {
+                period_s: seconds(fourier.period_ns),
+                repeats: fourier.repeats,
+                fade_s: seconds(fourier.fade_ns),
+                centre_rad: decimals(fourier.centre_rad),
+                harmonic: fourier
+                    .harmonics
+                    .iter()
+                    .map(|harmonic| HarmonicText {
+                        cosine_rad: decimals(harmonic.cosine_rad),
+                        sine_rad: decimals(harmonic.sine_rad),
+                    })
+                    .collect(),
+            },
+            Trajectory::Points(points) => Self::Points {
+                interval_s: seconds(points.interval_ns()),
+                points_rad: points.points_rad().iter().copied().map(decimals).collect(),
+            },
+        }
+    }
 }
 
 fn parse(text: &TomlText<'_>) -> Result<Trajectory, FileError> {
@@ -160,6 +222,34 @@ mod tests {
         assert_eq!(parsed(points).unwrap().duration_ns(), 500_000_000);
         assert_eq!(paper(3.65).unwrap().record_periods(700_000), 5214);
         assert_eq!(paper(f64::NAN), None);
+    }
+
+    #[test]
+    fn what_is_written_reads_back_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("move.toml");
+        let harmonic = Harmonic { cosine_rad: [0.1, -1.0 / 3.0], sine_rad: [1e-7, 0.0] };
+        let fourier = Fourier {
+            period_ns: 3_649_999_999,
+            repeats: 2,
+            fade_ns: 500_000_001,
+            centre_rad: [-0.785_398_2, 0.7],
+            harmonics: [harmonic, harmonic].into_iter().collect(),
+        };
+        let points = Points::new(250_000_000, &[[0.0, 0.1], [-0.2, 1.0 / 3.0], [0.0, 0.1]]).unwrap();
+        for trajectory in [Trajectory::Fourier(fourier), Trajectory::Points(points)] {
+            write(&path, &trajectory, "two\nlines").unwrap();
+            assert_eq!(read(&path).unwrap(), trajectory);
+        }
+        // The paper's movement becomes a series that is the same everywhere.
+        let of_paper = paper(3.65).unwrap();
+        write(&path, &of_paper, "").unwrap();
+        let series = read(&path).unwrap();
+        assert_eq!(series.duration_ns(), of_paper.duration_ns());
+        for time_ns in (0..3_650_000_000).step_by(100_000_000) {
+            let [a, b] = [&series, &of_paper].map(|movement| movement.reference::<f64>(time_ns).position_rad);
+            assert!((a[0] - b[0]).abs() < 1e-7 && (a[1] - b[1]).abs() < 1e-7, "{time_ns}: {a:?} {b:?}");
+        }
     }
 
     #[test]

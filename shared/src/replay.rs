@@ -219,6 +219,7 @@ impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
 
     /// Moves the model's state toward a measurement by the innovation, as [`Innovations`] does: for recordings of a
     /// loop faster than the recording, whose commands between the samples are not known.
+    #[inline(always)]
     fn correct(&mut self, innovation_rad: [S; 2], gains: [S; 2]) {
         for (joint, innovation) in innovation_rad.into_iter().enumerate() {
             self.state.position_rad[joint] += gains[0] * innovation;
@@ -265,10 +266,12 @@ impl<S: Scalar, L: PositionLaw<S>> Innovations<S, L> {
     #[inline(always)]
     pub fn tick(&mut self, sample: &RecordedSample<S>) -> [S; 2] {
         let counts_per_rad = self.closed.model.counts_per_rad;
-        let innovation = |joint: usize| {
-            sample.measured_counts[joint] - self.closed.state.position_rad[joint] * counts_per_rad[joint]
-        };
-        let innovation = [innovation(0), innovation(1)];
+        // Written out: a closure would not be compiled for the vector instructions of the caller.
+        let position_rad = self.closed.state.position_rad;
+        let innovation = [
+            sample.measured_counts[0] - position_rad[0] * counts_per_rad[0],
+            sample.measured_counts[1] - position_rad[1] * counts_per_rad[1],
+        ];
         self.closed.correct(
             [innovation[0] / counts_per_rad[0], innovation[1] / counts_per_rad[1]],
             [self.position_gain, self.velocity_gain],

@@ -6,7 +6,7 @@
 //! floating point.
 //!
 //! Error budget of the position in `f32`, against exact arithmetic on the same coefficients: 0.0025 count at joint 2
-//! and 0.0015 count at joint 3 on the paper's movement, 21 560 counts long (`tests/trajectory.rs` measures it); of
+//! and 0.0015 count at joint 3 on the paper's movement, 21 560 counts long (`tests/trajectory` measures it); of
 //! this 0.0008 count is the last bit of an `f32` near π/2. Below 0.01 count for every kind within ±π/2: 0.002
 //! measured for Fourier series, 0.0025 for splines, 0.0055 for approaches 3 rad long. A sine with the error of
 //! `micromath` (1e-3) would be 27 counts wrong.

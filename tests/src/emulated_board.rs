@@ -155,6 +155,12 @@ impl EmulatedBoard {
         self.plan_on_usb(duration, UsbAction::Stall(false));
     }
 
+    /// The program at the serial line stops reading now and goes on so much later. What the system keeps for it meanwhile
+    /// has an end.
+    pub fn stall_serial_for(&self, duration: Duration) {
+        self.with(|conversation| conversation.stall_serial(duration));
+    }
+
     /// The board's time.
     pub fn now(&self) -> Duration {
         self.with(|conversation| conversation.now())

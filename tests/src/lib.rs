@@ -3,6 +3,8 @@
 //! [`simulator`] is a second robot arm, written from the mechanics alone. It uses nothing of the crate `shared`: if both
 //! had the same mistake, an identification could look perfect and still be wrong.
 //!
+//! [`hidden_effects`] builds on it: machines with something wrong in them, for judging `explain`.
+//!
 //! [`emulated_board`] runs the real firmware image on an emulated microcontroller.
 //!
 //! [`scenarios`] are what happens to a board, whichever board: that one, or the simulated board of the host tool.
@@ -11,6 +13,7 @@
 
 pub mod board_server;
 pub mod emulated_board;
+pub mod hidden_effects;
 pub mod line;
 pub mod scenarios;
 pub mod simulator;

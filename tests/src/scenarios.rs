@@ -6,30 +6,55 @@
 
 mod emulated;
 mod encoders;
+mod faults;
 mod frames;
+mod identification;
 mod line;
 mod movements;
 mod native;
+mod periods;
 mod start;
 mod steps;
+mod storage;
 
 use std::time::Duration;
 
-use armid::link::Link;
+use armid::link::{Link, MemoryFlash};
+use armid::robot::Robot;
 use shared::protocol::Link as BoardLink;
 
-use crate::emulated_board::Turn;
 use crate::emulated_board::observations::Observations;
+use crate::emulated_board::{PowerCut, Turn};
 use crate::line::Trouble;
 
 pub use emulated::{hidden, robot, switched_on};
 pub use encoders::*;
+pub use faults::*;
 pub use frames::*;
+pub use identification::*;
 pub use line::*;
 pub use movements::*;
 pub use native::NativeBoard;
+pub use periods::*;
 pub use start::*;
 pub use steps::*;
+pub use storage::*;
+
+/// What a board is switched on with.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The drives, and the loop period the arm is simulated for; the robot behind them is always [`hidden`].
+    pub robot: Robot,
+    /// What its memory for parameters holds. Not to be used for a second board: the first may have written to it.
+    pub flash: MemoryFlash,
+}
+
+impl Default for Setup {
+    /// The paper's robot and no parameters.
+    fn default() -> Self {
+        Self { robot: robot(), flash: MemoryFlash::default() }
+    }
+}
 
 /// A board with a hidden robot at its terminals, resting at zero angles, and everything that can happen to it from
 /// outside. All time is virtual and passes only while somebody waits for the board.
@@ -51,6 +76,15 @@ pub trait BoardUnderTest {
 
     /// Puts the line in trouble for so long from now on, in both directions.
     fn disturb_line(&self, trouble: Trouble, duration: Duration);
+
+    /// The program at the other end of the line stops reading for so long from now on, while the board goes on sending.
+    fn stall_reader(&self, duration: Duration);
+
+    /// Makes a control tick come too late, soon.
+    fn delay_a_tick(&self);
+
+    /// Cuts the power for a millisecond, now or in the middle of a store.
+    fn cut_power(&self, when: PowerCut);
 
     /// Turns a motor by hand as time goes on, with the arm uncoupled.
     fn turn_by_hand(&self, turn: Turn);
@@ -77,6 +111,17 @@ macro_rules! test_every_scenario {
             a_cut_line_loses_no_row_and_leaves_control_alone
             a_noisy_line_loses_no_row_and_leaves_control_alone
             a_line_that_stays_cut_ends_the_movement
+            a_very_noisy_line_only_slows_down_the_reading
+            a_reader_that_stalls_loses_no_row_and_leaves_control_alone
+            a_late_tick_is_a_fault_of_that_name
+            parameters_survive_a_power_cycle_and_a_blank_memory_is_prepared_for_them
+            power_cut_during_a_store_leaves_the_old_or_the_new_model
+            power_cut_during_a_sector_change_leaves_the_old_or_the_new_model
+            storing_and_moving_exclude_each_other
+            stored_parameters_that_cannot_be_used_are_named_and_left_alone
+            the_position_loop_runs_in_time_at_every_period
+            computed_torque_runs_in_time_at_every_period
+            identified_over_the_wire_the_arm_is_tracked_to_the_count
             damaged_frames_change_nothing_and_are_counted
             old_frames_are_not_carried_out_again
             frames_of_another_version_are_answered_and_do_nothing

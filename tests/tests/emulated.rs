@@ -10,8 +10,8 @@ use armid_tests::emulated_board::EmulatedBoard;
 use armid_tests::emulated_board::control_time::{COMPUTED_TORQUE_LIMIT_US, ControlTime, POSITION_LIMIT_US};
 use armid_tests::emulated_board::observations::Observations;
 use armid_tests::scenarios::{
-    BoardUnderTest, check_whole, largest_errors_counts, loaded, paper_movement, plan, ready, switched_on, true_model,
-    within_one_count_percent,
+    BoardUnderTest, Setup, check_whole, largest_errors_counts, loaded, paper_movement, plan, ready, switched_on,
+    true_model, within_one_count_percent,
 };
 use shared::protocol::{ControlLaw, Mode};
 
@@ -22,7 +22,7 @@ const PERIOD_NS: f64 = 700_000.0;
 #[test]
 fn the_board_boots_and_ticks_exactly() {
     let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     board.run(Duration::from_millis(100));
     let mut client = loaded(&board);
     assert_eq!(client.info().identity.board, "nucleo-f429zi");
@@ -56,7 +56,7 @@ fn the_board_boots_and_ticks_exactly() {
 #[test]
 fn the_position_loop_is_computed_in_time() {
     let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");
     let started = std::time::Instant::now();
@@ -77,7 +77,7 @@ fn the_position_loop_is_computed_in_time() {
 #[test]
 fn computed_torque_is_computed_in_time() {
     let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     client.upload(&true_model()).expect("an accepted model");
     client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use armid_tests::scenarios::{BoardUnderTest, ready, switched_on};
+use armid_tests::scenarios::{BoardUnderTest, Setup, ready, switched_on};
 
 /// A spike shorter than the filters' 0.76 µs, as motor cables induce them, is no edge; neither is one on both channels
 /// at once.
 #[test]
 fn spikes_on_the_encoder_lines_do_not_count() {
     let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     let before = client.status().expect("a status").position_counts;
     // The motors stand where both channels are low.

@@ -11,7 +11,9 @@ use armid::client::{Client, Movement, MovementProgress};
 use armid_tests::emulated_board::damage::{HANG, ImageMap, Variable, switch_vector_table};
 use armid_tests::emulated_board::observations::Observations;
 use armid_tests::emulated_board::{EmulatedBoard, firmware_from_environment};
-use armid_tests::scenarios::{BoardUnderTest, loaded, nod, paper_movement, plan, ready, switched_on};
+use armid_tests::scenarios::{
+    BoardUnderTest, Setup, check_complete, loaded, nod, paper_movement, plan, ready, switched_on,
+};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
 use rigless::device::ResetCause;
@@ -75,8 +77,8 @@ fn strike(board: EmulatedBoard, mut client: Client, deed: impl FnOnce(&EmulatedB
 }
 
 /// The same with the short movement.
-fn strike_nod(switch_on: impl Fn() -> EmulatedBoard, deed: impl FnOnce(&EmulatedBoard)) -> Struck {
-    let board = switch_on();
+fn strike_nod(switch_on: impl Fn(Setup) -> EmulatedBoard, deed: impl FnOnce(&EmulatedBoard)) -> Struck {
+    let board = switch_on(Setup::default());
     let client = loaded(&board);
     strike(board, client, deed)
 }
@@ -218,35 +220,35 @@ fn a_bus_error_switches_off_and_restarts_the_board() {
     check_restarted(struck, "bus error", "bus-error", NEXT_TICK_NS);
 }
 
-/// Received bytes no longer reach the program: for the board the host has gone.
+/// Received bytes no longer reach the program, until it notices that and starts the transfer again.
 #[test]
-fn a_stuck_receiver_ends_in_a_lost_link() {
+fn a_stuck_receiver_is_started_again() {
     let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");
-    let timeout_ns = armid::board_setup::configuration(&armid_tests::scenarios::robot())
-        .expect("a safe robot")
-        .common
-        .link_timeout_ns;
     let struck = strike(board, client, |board| write_register(board, DMA1_STREAM1_CONTROL, 0));
-    assert!(struck.movement.partial.is_some());
-    let observations = BoardUnderTest::finish(struck.board);
-    let off_ns = observations.off_after_ns(struck.at_ns).expect("switched off");
-    println!("receiver stuck: off after {:.1} ms", off_ns as f64 * 1e-6);
-    assert!(off_ns <= timeout_ns + NEXT_TICK_NS);
-    assert!(observations.ends_safe());
-    assert_eq!(observations.restarts, []);
+    check_recovered(struck, "receiver");
 }
 
-/// Stopped in the middle of a frame, the transmitter says nothing more: the board takes no more requests then, and
-/// counts its host as lost.
+/// The movement went on; nothing is missing from its recording, and the board answers.
+fn check_recovered(struck: Struck, name: &str) {
+    let Struck { board, mut client, movement, .. } = struck;
+    println!("{name} stuck: {} requests repeated, {} rows read again", client.repeats(), movement.reread_rows);
+    check_complete(&movement);
+    // A request at least got lost, or was answered late; it was not the host's patience that ended it.
+    assert!((1..8).contains(&client.repeats()), "{} repeats", client.repeats());
+    assert_eq!(client.status().expect("an answer").mode, Mode::Idle);
+    assert_eq!(BoardUnderTest::finish(board).restarts, []);
+}
+
+/// Stopped in the middle of a frame, the transmitter says nothing more, until that frame is given up.
 #[test]
-fn a_stuck_transmitter_ends_in_a_lost_link() {
+fn a_stuck_transmitter_is_started_again() {
     let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
-    client.load_trajectory(&paper_movement(5.0)).expect("an accepted movement");
+    client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");
     let struck = strike(board, client, |board| {
         // Somewhere in two loop periods a frame is under way.
         for _ in 0..14 {
@@ -254,17 +256,8 @@ fn a_stuck_transmitter_ends_in_a_lost_link() {
             write_register(board, DMA1_STREAM3_CONTROL, 0);
         }
     });
-    let why = struck.movement.partial.as_deref();
-    assert!(why.is_some_and(|why| why.contains("no answer")), "{why:?}");
-    struck.board.run(Duration::from_millis(1200));
-    let observations = BoardUnderTest::finish(struck.board);
-    let off_ns = observations.off_after_ns(struck.at_ns).expect("switched off");
-    println!("transmitter stuck: off after {:.1} ms", off_ns as f64 * 1e-6);
-    // Answers that nobody takes fill their queue, and then no request is taken: after a few attempts of 250 ms the host
-    // counts as silent, and a second later as lost.
-    assert!(off_ns <= 2_200_000_000);
-    assert!(observations.ends_safe());
-    assert_eq!(observations.restarts, []);
+    assert!(struck.movement.reread_rows > 0, "nothing was lost");
+    check_recovered(struck, "transmitter");
 }
 
 /// The board's state in the chip's memory.
@@ -285,7 +278,7 @@ fn flip(board: &EmulatedBoard, address: u64, bit: u32) {
 fn a_flipped_bit_of_the_setpoint_is_a_fault_and_one_of_the_position_moves_the_arm_no_further_than_it_says() {
     let Some(switch_on) = switched_on() else { return };
     let state = board_state();
-    let board = switch_on();
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     // A pose whose counts are found nowhere else.
     let pose = Request::SetPosition { position_rad: [-0.1234, 0.2345] };

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use armid::identify::{FrictionMode, Identification, Options, Parameter, identify};
+use armid::identify::{FrictionMode, Identification, Options, Parameter, Sought, identify};
 use armid::recording::{ReadOptions, Recording};
 use armid::robot::Robot;
 use armid_tests::simulator::{self, Reference, RunSettings, record};
@@ -43,6 +43,7 @@ fn truth_of(truth: &simulator::Robot, parameter: Parameter) -> f64 {
         Parameter::Viscous(joint) => truth.drives[joint].viscous_friction_nm_s_per_rad,
         Parameter::Coulomb(joint) => truth.drives[joint].coulomb_friction_nm,
         Parameter::TorqueOffset(_) => 0.0,
+        Parameter::Gain(_) => 1.0,
     }
 }
 
@@ -50,7 +51,7 @@ fn identified(seed: u64, friction: FrictionMode) -> (simulator::Robot, Identific
     let truth = simulator::Robot::draw(seed);
     let robot = robot_file(&truth);
     let recordings = recordings(&truth, &robot, &PERIODS_S, seed);
-    let options = Options { seed, friction, ..Options::default() };
+    let options = Options { seed, sought: Sought { friction, ..Sought::default() }, ..Options::default() };
     let found = identify(&robot, &recordings, &[], &options, &|_| ()).expect("an identification");
     (truth, found)
 }

@@ -1,9 +1,9 @@
 //! Every scenario on the simulated board of the host tool.
 
-use armid_tests::scenarios::{NativeBoard, hidden, robot};
+use armid_tests::scenarios::{NativeBoard, Setup, hidden};
 
-fn switched_on() -> Option<impl Fn() -> NativeBoard> {
-    Some(|| NativeBoard::start(&robot(), hidden()))
+fn switched_on() -> Option<impl Fn(Setup) -> NativeBoard> {
+    Some(|setup: Setup| NativeBoard::with_setup(setup, hidden()))
 }
 
 armid_tests::test_every_scenario!(switched_on);

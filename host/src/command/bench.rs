@@ -1,5 +1,8 @@
 //! `armid bench`: the figures the documentation quotes, measured anew.
 
+mod certainty;
+mod explain;
+mod ga;
 mod identify;
 mod paper;
 
@@ -16,17 +19,26 @@ pub struct Bench {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    /// `explain` and its rivals on recordings with hidden effects.
+    Explain(explain::Explain),
     /// The paper's identification beside ours: objective and scatter over seeds.
     Paper(paper::Paper),
     /// How many candidates a second identification judges, and how exactly.
     Identify(identify::Identify),
+    /// The genetic algorithm beside differential evolution and CMA-ES: success rate and evaluations over seeds.
+    Ga(ga::Ga),
+    /// How near f comes to the truth on robots never seen, and whether its standard errors hold.
+    Certainty(certainty::Certainty),
 }
 
 impl Bench {
     pub fn run(&self) -> Result<(), CommandError> {
         match &self.what {
+            What::Explain(explain) => explain.run(),
             What::Paper(paper) => paper.run(),
             What::Identify(identify) => identify.run(),
+            What::Ga(ga) => ga.run(),
+            What::Certainty(certainty) => certainty.run(),
         }
     }
 }

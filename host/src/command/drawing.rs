@@ -57,7 +57,7 @@ fn panel(
 }
 
 /// The signal as held between samples, without the samples that change nothing: a third of the file's size.
-fn staircase(error_counts: &[f64], period_s: f64) -> Vec<(f64, f64)> {
+pub fn staircase(error_counts: &[f64], period_s: f64) -> Vec<(f64, f64)> {
     let mut points: Vec<(f64, f64)> = Vec::new();
     for (index, &error) in error_counts.iter().enumerate() {
         let time_s = index as f64 * period_s;

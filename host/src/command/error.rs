@@ -3,6 +3,7 @@
 use armid::board_setup::SetupError;
 use armid::calibrate::CalibrateError;
 use armid::client::{ClientError, SessionError};
+use armid::excite::ExciteError;
 use armid::file_error::FileError;
 use armid::identify::IdentifyError;
 use armid::link::LinkError;
@@ -32,6 +33,9 @@ pub enum CommandError {
     /// An identification.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
+    /// A movement to design.
+    #[error(transparent)]
+    Excite(ExciteError),
     /// A movement that did not come to its end.
     #[error("the movement did not come to its end: {reason}")]
     Incomplete {
@@ -72,8 +76,13 @@ impl CommandError {
             Self::File(error) if error.is_about_output() => FAILED,
             Self::File(_) | Self::Repeating(_) => BAD_FILE,
             // What the recordings lack no other command line would bring.
-            Self::Identify(IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. }) => BAD_FILE,
+            Self::Identify(
+                IdentifyError::TooShort { .. } | IdentifyError::NoMotion { .. } | IdentifyError::NothingSound { .. },
+            ) => BAD_FILE,
+            Self::Identify(IdentifyError::NoFilter | IdentifyError::Filter { .. }) => USAGE,
             Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) => UNSAFE,
+            Self::Excite(ExciteError::Setting { .. }) => USAGE,
+            Self::Excite(_) => UNSAFE,
             Self::Setup(_) => BAD_FILE,
             Self::Session(error) => match error {
                 SessionError::Client(error) => match error {
@@ -101,6 +110,15 @@ impl CommandError {
                 FAILED
             }
             Self::Usage(_) => USAGE,
+        }
+    }
+}
+
+impl From<ExciteError> for CommandError {
+    fn from(error: ExciteError) -> Self {
+        match error {
+            ExciteError::Setup(error) => Self::Setup(error),
+            error => Self::Excite(error),
         }
     }
 }

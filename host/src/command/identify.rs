@@ -3,15 +3,21 @@
 use std::path::PathBuf;
 
 use armid::identified_model;
-use armid::identify::{FrictionMode, Identification, Method, Options, Parameter, identify};
+use armid::identify::{
+    Experiment, FrictionMode, Identification, Method, Options, Parameter, Prior, Sought, Values, identify,
+};
+use armid::links::ArmBounds;
 use armid::model::Model;
+use armid::prior;
 use armid::recording::Recording;
-use armid::robot::{Kind, Robot};
+use armid::robot::{Kind, Law, Robot};
 use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
+use shared::arm::PARAMETERS;
 
 use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::ranges::Verdict;
 use super::{CommandError, progress};
 
 /// Arguments of `identify`.
@@ -31,9 +37,31 @@ pub struct Identify {
     /// How friction enters
     #[arg(long, value_enum, default_value_t)]
     friction: FrictionMode,
+    /// Seek the position gains too, as a factor on each; recorded currents count as measurements of it
+    #[arg(long)]
+    identify_gain: bool,
+    /// With --identify-gain: take no notice of the recorded currents
+    #[arg(long, requires = "identify_gain")]
+    ignore_current: bool,
+    /// Length of the upper arm in m: f3 and f4 then follow from f5 and f6 (f3 = a3 f5, f4 = a3 f6)
+    #[arg(long, value_name = "METRES", value_parser = length)]
+    a3: Option<f64>,
+    /// What is known beforehand: a model file, taken with its standard errors, or lines NAME = [MEAN, STANDARD DEVIATION]
+    #[arg(long, value_name = "FILE")]
+    prior: Option<PathBuf>,
+    /// Bounds on masses, centres and inertias, as `ranges` takes them: tell whether any links within them give this f
+    #[arg(long, value_name = "FILE")]
+    bounds: Option<PathBuf>,
     /// Seed of the genetic algorithm
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Low-pass both the recorded and the simulated signals, without phase, before they are compared: against
+    /// oscillations the model does not have, such as those of a flexible joint; in Hz
+    #[arg(long, value_name = "HZ")]
+    filter: Option<f64>,
+    /// Use every sample as recorded: mend no corrupted samples, cut out no stretches at a limit or a stop
+    #[arg(long)]
+    as_recorded: bool,
     /// Accept recordings with gaps
     #[arg(long)]
     allow_gaps: bool,
@@ -48,24 +76,121 @@ pub struct Identify {
 impl Identify {
     pub fn run(&self) -> Result<(), CommandError> {
         let robot = self.robot.read_for_simulation()?;
+        let bounds = self.bounds.as_deref().map(|path| ArmBounds::read(path, &robot)).transpose()?;
         let recordings = read_recordings(&self.recordings, &robot, self.allow_gaps)?;
         let held_out = read_recordings(&self.check, &robot, self.allow_gaps)?;
         for recording in recordings.iter().chain(&held_out) {
-            recording.check_conditions(&robot)?;
+            recording.check_conditions(&robot).map_err(CommandError::Repeating)?;
+            advise_other_gains(recording, &robot);
         }
         if let Some(out) = &self.out {
             let inputs = [with_sidecars(&self.recordings), with_sidecars(&self.check)].concat();
-            check_outputs([out.as_path()], inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
+            let inputs =
+                inputs.iter().chain(&self.robot.robot).chain(&self.prior).chain(&self.bounds).map(PathBuf::as_path);
+            check_outputs([out.as_path()], inputs)?;
         }
-        let options = Options { method: self.method, friction: self.friction, seed: self.seed };
+        let sought = Sought { friction: self.friction, gain: self.identify_gain, upper_arm_m: self.a3 };
+        let options = Options {
+            method: self.method,
+            sought,
+            seed: self.seed,
+            priors: self.priors(&robot, &recordings)?,
+            filter_hz: self.filter,
+            as_recorded: self.as_recorded,
+        };
         let found = with_progress(&robot, &recordings, &held_out, &options)?;
         let model = to_model(&robot, &recordings, &found, &options);
+        let feasible = bounds.map(|bounds| Feasible::of(&robot, &recordings, &bounds, &found)).transpose()?;
         match &self.out {
             Some(path) => model.write(path)?,
             None => advise("the model was not kept; pass --out model.toml to write it"),
         }
-        if self.json { print_json(&to_json(&robot, &found, &model, self.seed)) } else { print(report(&robot, &found)) }
+        if self.json {
+            let mut object = to_json(&robot, &found, &model, self.seed);
+            object["feasible"] = feasible.map_or(Value::Null, |feasible| feasible.to_json());
+            return print_json(&object);
+        }
+        let feasible = feasible.map(|feasible| format!("\n{}", feasible.text())).unwrap_or_default();
+        print(format!("{}{feasible}", report(&robot, &found)))
     }
+}
+
+impl Identify {
+    fn priors(&self, robot: &Robot, recordings: &[Recording]) -> Result<Vec<Prior>, CommandError> {
+        let mut priors = self.prior.as_deref().map_or_else(|| Ok(Vec::new()), |path| prior::read(path, robot))?;
+        if self.identify_gain && !self.ignore_current {
+            priors.extend(prior::gains_from_current(robot, recordings));
+        }
+        Ok(priors)
+    }
+}
+
+/// Tells that a recording is repeated with other gains than the robot file's.
+fn advise_other_gains(recording: &Recording, robot: &Robot) {
+    for (noted, joint) in recording.manifest.iter().flat_map(|manifest| &manifest.joint).zip(&robot.joints) {
+        if let Law::Proportional(file) = joint.law {
+            let in_force = noted.in_force(&file);
+            if in_force != file {
+                advise(format!(
+                    "{}: joint {} ran with {} A/count and lead {}, as its manifest says, not with the robot file's {} and {}",
+                    recording.path.display(),
+                    joint.name,
+                    in_force.gain_a_per_count,
+                    in_force.lead,
+                    file.gain_a_per_count,
+                    file.lead
+                ));
+            }
+        }
+    }
+}
+
+/// Whether links within bounds give the f found, and what the nearest f that they give costs.
+struct Feasible {
+    verdict: Verdict,
+    /// Closed-loop difference per joint with the nearest f, counts rms.
+    nearest_rms_counts: Option<Vec<f64>>,
+    rms_counts: Vec<f64>,
+}
+
+impl Feasible {
+    fn of(
+        robot: &Robot,
+        recordings: &[Recording],
+        bounds: &ArmBounds,
+        found: &Identification,
+    ) -> Result<Self, CommandError> {
+        let verdict = Verdict::of(bounds, &found.values.f, &found.f_information());
+        let experiment = Experiment::new(robot, recordings)?;
+        let of =
+            |f: [f64; PARAMETERS]| experiment.closed_loop_rms_counts(&Values { f, upper_arm_m: None, ..found.values });
+        let nearest_rms_counts = verdict.nearest.map(|nearest| of(nearest.f));
+        Ok(Self { verdict, nearest_rms_counts, rms_counts: found.rms_counts.clone() })
+    }
+
+    fn text(&self) -> String {
+        let list = |values: &[f64]| values.iter().map(|value| format!("{value:.3}")).collect::<Vec<_>>().join(" / ");
+        let cost = self.nearest_rms_counts.as_ref().map(|rms| {
+            format!(
+                "\nwith it the closed-loop difference is {} instead of {} counts rms",
+                list(rms),
+                list(&self.rms_counts)
+            )
+        });
+        format!("{}{}", self.verdict.text(), cost.unwrap_or_default())
+    }
+
+    fn to_json(&self) -> Value {
+        let mut object = self.verdict.to_json();
+        object["nearest_rms_counts"] = json!(self.nearest_rms_counts);
+        object
+    }
+}
+
+/// A length in metres.
+fn length(text: &str) -> Result<f64, String> {
+    let length = text.parse().ok().filter(|&length: &f64| length > 0.0 && length < 10.0);
+    length.ok_or_else(|| format!("\"{text}\" is not a length above 0 and below 10 m"))
 }
 
 /// Identifies with a progress bar.
@@ -82,6 +207,9 @@ pub fn with_progress(
         bar.set_message(step.stage);
     })?;
     bar.finish_and_clear();
+    for finding in &found.findings {
+        advise(finding);
+    }
     if found.lack_of_fit {
         advise(
             "the model leaves far more than noise: something is missing from it, and the standard errors tell only how far \
@@ -92,6 +220,16 @@ pub fn with_progress(
         let names: Vec<String> = found.not_identifiable.iter().map(|parameter| parameter.name(robot)).collect();
         advise(format!("not identifiable from these recordings: {}", names.join(", ")));
     }
+    for direction in &found.weak_directions {
+        advise(direction.sentence(robot));
+    }
+    if !found.touched_bounds.is_empty() {
+        advise(format!(
+            "at the edge of what a machine can be: {}; the recordings alone would have gone beyond, so that something is \
+             missing from the model or the recordings say little",
+            found.touched_bounds.join(", ")
+        ));
+    }
     Ok(found)
 }
 
@@ -100,6 +238,8 @@ pub fn to_model(robot: &Robot, recordings: &[Recording], found: &Identification,
     let method = match options.method {
         Method::Full => "full",
         Method::Paper => "paper",
+        Method::Linear => "linear",
+        Method::Didim => "didim",
     };
     let provenance = identified_model::provenance(robot, recordings, method, options.seed);
     identified_model::from_identification(robot, found, provenance)
@@ -132,6 +272,21 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
         "correlations": found.correlations,
         "correlation_order": names(&found.free),
         "not_identifiable": names(&found.not_identifiable),
+        "condition_number": found.condition_number.filter(|number| number.is_finite()),
+        "weak_directions": found.weak_directions.iter().map(|direction| json!({
+            "components": direction.components.iter()
+                .map(|&(parameter, by)| json!({"name": parameter.name(robot), "by": by})).collect::<Vec<_>>(),
+            "common_scale": direction.common_scale,
+            "sentence": direction.sentence(robot),
+        })).collect::<Vec<_>>(),
+        "touched_bounds": found.touched_bounds,
+        "left_out": found.left_out.iter().map(|left_out| json!({
+            "rms_counts": left_out.rms_counts, "innovation_rms_counts": left_out.innovation_rms_counts,
+        })).collect::<Vec<_>>(),
+        "repeats": found.repeats.iter().map(|repeats| json!({
+            "recordings": repeats.recordings, "scatter": repeats.scatter, "standard_errors": repeats.standard_errors,
+            "ratio": repeats.ratio(),
+        })).collect::<Vec<_>>(),
         "objective_counts2": found.objective_counts2,
         "rms_counts": found.rms_counts,
         "held_out_rms_counts": found.held_out_rms_counts,
@@ -140,6 +295,7 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
         "lack_of_fit": found.lack_of_fit,
         "force_gap_rms": found.force_gap_rms,
         "samples": found.samples,
+        "findings": found.findings,
         "evaluations": found.evaluations,
         "seconds": found.seconds,
         "seed": seed,
@@ -154,7 +310,8 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
 /// The result for people.
 fn report(robot: &Robot, found: &Identification) -> String {
     let mut lines = vec![format!("{:<22} {:>14} {:>14}  {}", "parameter", "value", "standard error", "relative")];
-    for &parameter in &found.free {
+    let tied = [Parameter::F(2), Parameter::F(3)].into_iter().filter(|_| found.values.upper_arm_m.is_some());
+    for parameter in found.free.iter().copied().chain(tied) {
         let value = found.values.get(parameter);
         let (error, relative) = match found.standard_error(parameter) {
             Some(error) => (format!("{error:.3e}"), format!("{:.3} %", 100.0 * (error / value).abs())),
@@ -179,8 +336,27 @@ fn report(robot: &Robot, found: &Identification) -> String {
             list(&found.held_out_innovation_rms_counts)
         ));
     }
+    for (index, left_out) in found.left_out.iter().enumerate() {
+        lines.push(format!(
+            "recording {} foretold by the others: closed-loop difference {} counts rms; innovations {} counts rms",
+            index + 1,
+            list(&left_out.rms_counts),
+            list(&left_out.innovation_rms_counts)
+        ));
+    }
+    for repeats in &found.repeats {
+        let numbers: Vec<String> = repeats.recordings.iter().map(|index| (index + 1).to_string()).collect();
+        lines.push(format!(
+            "recordings {} repeat one movement: each fitted alone, they scatter by {:.2} of the standard errors",
+            numbers.join(", "),
+            repeats.ratio()
+        ));
+    }
     if let Some(gap) = &found.force_gap_rms {
         lines.push(format!("force gap {} N (N m) rms", list(gap)));
+    }
+    if let Some(number) = found.condition_number {
+        lines.push(format!("condition number of the scaled information matrix: {number:.3e}"));
     }
     if let Some(correlated) = strongest_correlation(robot, found) {
         lines.push(correlated);

@@ -10,6 +10,7 @@ use shared::scalar::{Number, Scalar};
 use super::experiment::{Experiment, Fineness, Segment};
 use super::followed;
 use super::simulation::Simulation;
+use super::smoothed::Smoother;
 use crate::lanes::Lanes;
 
 /// Vectors per operation in double precision: two chains of operations run in each other's gaps.
@@ -43,7 +44,7 @@ impl Experiment<'_> {
         let level = Level::new();
         let judge = |plants: &[Plant<f64>]| {
             dispatch!(level, machine => followed_on_lanes::<_, f64x8<_>, _, DOUBLE_GROUPS>(
-                machine, self, &loops, plants, |segment| &segment.followed.double
+                machine, self, &loops, plants, |segment| &segment.followed.double, None
             ))
         };
         let judged = plants.par_chunks(DOUBLE_LANES).flat_map_iter(judge).collect();
@@ -58,11 +59,26 @@ impl Experiment<'_> {
         let level = Level::new();
         let judge = |plants: &[Plant<f64>]| {
             dispatch!(level, machine => followed_on_lanes::<_, f32x16<_>, _, SINGLE_GROUPS>(
-                machine, self, &loops, plants, |segment| &segment.followed.single
+                machine, self, &loops, plants, |segment| &segment.followed.single, None
             ))
         };
         let judged = plants.par_chunks(SEARCH_LANES).flat_map_iter(judge).collect();
         self.judge_strayed(plants, judged)
+    }
+
+    /// The objective of what is left below `cutoff_hz` of the differences between recorded and modelled errors, counts²,
+    /// of every plant in order, in double precision; infinite for a plant that strays from the recorded motion or blows
+    /// up. None where [`followed::loops`] are missing.
+    pub fn smoothed_objectives_counts2(&self, plants: &[Plant<f64>], cutoff_hz: f64) -> Option<Vec<f64>> {
+        let loops = followed::loops(self)?;
+        let level = Level::new();
+        let judge = |plants: &[Plant<f64>]| {
+            dispatch!(level, machine => followed_on_lanes::<_, f64x8<_>, _, DOUBLE_GROUPS>(
+                machine, self, &loops, plants, |segment| &segment.followed.double, Some(cutoff_hz)
+            ))
+        };
+        let judged = plants.par_chunks(DOUBLE_LANES).flat_map_iter(judge);
+        Some(judged.map(|objective| objective.unwrap_or(f64::INFINITY)).collect())
     }
 
     /// Fills the gaps in `judged`: candidates that strayed too far from the recorded motion to be counted from it, or
@@ -91,29 +107,37 @@ fn followed_on_lanes<
 >(
     machine: S,
     experiment: &Experiment,
-    loops: &[PositionLoop<f64>; 2],
+    loops: &[[PositionLoop<f64>; 2]],
     plants: &[Plant<f64>],
     samples: impl Fn(&Segment) -> &[followed::Sample<N>],
+    cutoff_hz: Option<f64>,
 ) -> Vec<Option<f64>> {
     let settings = experiment.settings(1);
-    let models: Vec<FollowedModel<f64>> =
-        plants.iter().map(|plant| FollowedModel::new(plant, loops, &settings)).collect();
-    // Lanes without a candidate repeat the last one.
-    let number = |constant: &dyn Fn(&FollowedModel<f64>) -> f64| {
-        Lanes::<S, V, GROUPS>::from_fn(machine, |lane| constant(&models[lane.min(models.len() - 1)]))
-    };
-    let constants = FollowedModel::in_numbers(number, settings.quantised);
     let zero = Lanes::splat(machine, 0.0);
     let mut total = zero;
     let mut farthest = [zero, zero];
-    for segment in &experiment.segments {
+    for (segment, loops) in experiment.segments.iter().zip(loops) {
+        let models: Vec<FollowedModel<f64>> =
+            plants.iter().map(|plant| FollowedModel::new(plant, loops, &settings)).collect();
+        // Lanes without a candidate repeat the last one.
+        let number = |constant: &dyn Fn(&FollowedModel<f64>) -> f64| {
+            Lanes::<S, V, GROUPS>::from_fn(machine, |lane| constant(&models[lane.min(models.len() - 1)]))
+        };
+        let constants = FollowedModel::in_numbers(number, settings.quantised);
         let mut model = followed::start(machine, experiment, segment, constants);
+        let smoother = cutoff_hz.map(|cutoff_hz| {
+            Smoother::new(cutoff_hz, experiment.robot.record_period_s, |value| Lanes::splat(machine, value))
+        });
+        let mut smoothers = smoother.map(|smoother| [smoother; 2]);
         for samples in samples(segment).chunks(SUMMED_SAMPLES) {
             let mut sum = zero;
             for sample in samples {
                 let sample = sample.on_lanes(machine);
                 let modelled = model.tick(&sample.model);
-                let difference = [modelled[0] - sample.actual_counts[0], modelled[1] - sample.actual_counts[1]];
+                let mut difference = [modelled[0] - sample.actual_counts[0], modelled[1] - sample.actual_counts[1]];
+                if let Some([first, second]) = &mut smoothers {
+                    difference = [first.next(difference[0]), second.next(difference[1])];
+                }
                 sum = difference[0].mul_add(difference[0], difference[1].mul_add(difference[1], sum));
                 farthest = [farthest[0].maximum(modelled[0].abs()), farthest[1].maximum(modelled[1].abs())];
             }

@@ -10,11 +10,11 @@ use super::followed::Followed;
 use super::low_pass::low_pass;
 use super::parameters::Values;
 use super::simulation::Simulation;
-use crate::recording::Recording;
+use crate::recording::{Manifest, Recording};
 use crate::robot::{self, Robot};
 
 /// Integration steps per record period of the innovations, the same for every candidate.
-pub(super) const INNOVATION_SUBSTEPS: u32 = 4;
+const INNOVATION_SUBSTEPS: u32 = 4;
 
 /// The longest integration step of a closed loop that is judged or fitted finely.
 const FINE_STEP_S: f64 = 5e-5;
@@ -59,6 +59,10 @@ pub struct Segment {
     pub(super) start: State<f64>,
     /// The segment as a model takes it that is counted from the robot's own motion.
     pub(super) followed: Followed,
+    /// The laws the recording was made under.
+    pub(super) laws: [Law<f64>; 2],
+    /// Which of the experiment's recordings it is part of.
+    pub recording: usize,
 }
 
 /// A robot, the recordings made on it, and how a model repeats them.
@@ -68,25 +72,32 @@ pub struct Experiment<'a> {
     pub robot: &'a Robot,
     /// Its recordings, cut at gaps.
     pub segments: Vec<Segment>,
-    laws: [Law<f64>; 2],
     timing: SampledTiming,
+    /// Integration steps per record period of the innovations.
+    pub(super) innovation_substeps: u32,
 }
 
 impl<'a> Experiment<'a> {
-    /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
-    pub fn new(robot: &'a Robot, recordings: &[Recording]) -> Result<Self, IdentifyError> {
+    /// An experiment without a recording.
+    pub(super) fn empty(robot: &'a Robot) -> Self {
         let timing = SampledTiming {
             record_period_s: robot.record_period_s,
             loop_period_s: robot.loop_period_s,
             command_delay_s: robot.command_delay_s,
         };
-        let mut experiment = Self { robot, segments: Vec::new(), laws: laws(robot), timing };
+        let innovation_substeps = INNOVATION_SUBSTEPS;
+        Self { robot, segments: Vec::new(), timing, innovation_substeps }
+    }
+
+    /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
+    pub fn new(robot: &'a Robot, recordings: &[Recording]) -> Result<Self, IdentifyError> {
+        let mut experiment = Self::empty(robot);
         let shortest = (SHORTEST_SEGMENT_S / robot.record_period_s) as usize;
-        for recording in recordings {
+        for (index, recording) in recordings.iter().enumerate() {
             let before = experiment.segments.len();
             for range in contiguous(&recording.tick) {
                 if range.len() >= shortest {
-                    let segment = experiment.segment(recording, range);
+                    let segment = experiment.segment(recording, index, range);
                     experiment.segments.push(segment);
                 }
             }
@@ -101,7 +112,8 @@ impl<'a> Experiment<'a> {
         Ok(experiment)
     }
 
-    fn segment(&self, recording: &Recording, range: std::ops::Range<usize>) -> Segment {
+    fn segment(&self, recording: &Recording, index: usize, range: std::ops::Range<usize>) -> Segment {
+        let laws = laws(self.robot, recording.manifest.as_ref());
         let joints = self.robot.joints.len();
         let pairs = |columns: &[Vec<f64>]| -> Vec<[f64; 2]> {
             range.clone().map(|k| [columns[0][k], if joints > 1 { columns[1][k] } else { 0.0 }]).collect()
@@ -116,7 +128,7 @@ impl<'a> Experiment<'a> {
             (Some(columns), _) => pairs(columns),
             (None, true) => pairs(&recording.current_a),
             (None, false) => {
-                let mut states = self.laws.map(LawState::new);
+                let mut states = laws.map(LawState::new);
                 reference_counts
                     .iter()
                     .zip(&actual)
@@ -145,6 +157,8 @@ impl<'a> Experiment<'a> {
             command_a,
             added_torque_nm,
             start,
+            laws,
+            recording: index,
         }
     }
 
@@ -172,7 +186,7 @@ impl<'a> Experiment<'a> {
     }
 
     /// The state at the first sample: a parabola through the first 15 ms; at rest if that travels under two counts.
-    fn start(&self, measured_counts: &[[f64; 2]]) -> State<f64> {
+    pub(super) fn start(&self, measured_counts: &[[f64; 2]]) -> State<f64> {
         let period_s = self.robot.record_period_s;
         let samples = ((0.015 / period_s) as usize).clamp(4, measured_counts.len());
         let mut state = State::at_rest([0.0; 2]);
@@ -184,11 +198,6 @@ impl<'a> Experiment<'a> {
             }
         }
         state
-    }
-
-    /// The robot's laws.
-    pub(super) fn laws(&self) -> &[Law<f64>; 2] {
-        &self.laws
     }
 
     pub(super) fn settings(&self, substeps: u32) -> ReplaySettings {
@@ -262,7 +271,7 @@ impl<'a> Experiment<'a> {
     /// Innovations in counts, per segment and joint, at every sample.
     pub fn innovations(&self, values: &Values) -> Vec<[Vec<f64>; 2]> {
         let simulation = self.simulation(values);
-        let settings = self.settings(INNOVATION_SUBSTEPS);
+        let settings = self.settings(self.innovation_substeps);
         let of = |segment: &Segment| {
             columns(segment, |push| simulation.innovations(segment, &settings, |_, innovation| push(innovation)))
         };
@@ -322,10 +331,14 @@ fn initial_slope(values: &[f64]) -> f64 {
     solution.map_or(0.0, |coefficients| coefficients[1])
 }
 
-fn laws(robot: &Robot) -> [Law<f64>; 2] {
+/// The laws a recording was made under: its manifest's gains, else the robot file's.
+pub(super) fn laws(robot: &Robot, manifest: Option<&Manifest>) -> [Law<f64>; 2] {
+    let noted = |index: usize| manifest.and_then(|manifest| manifest.joint.get(index));
     let law = |index: usize| match robot.joints.get(index) {
         Some(joint) => match joint.law {
-            robot::Law::Proportional(position_loop) => Law::Proportional(position_loop),
+            robot::Law::Proportional(position_loop) => {
+                Law::Proportional(noted(index).map_or(position_loop, |noted| noted.in_force(&position_loop)))
+            }
             robot::Law::Cascade { position_gain_per_s, velocity_gain } => Law::Cascade(Cascade {
                 position_gain_per_s,
                 velocity_gain,

@@ -16,8 +16,8 @@ use crate::lanes::Lanes;
 /// which would shake every model, is not.
 const MOTION_CUTOFF_HZ: f64 = 40.0;
 
-/// A segment's samples counted from the robot's motion, in both precisions.
-#[derive(Clone, Debug)]
+/// A segment's samples counted from the robot's motion, in both precisions; none where no search is meant.
+#[derive(Clone, Debug, Default)]
 pub struct Followed {
     /// In double precision.
     pub double: Vec<Sample<f64>>,
@@ -121,13 +121,19 @@ impl<N: Copy> Sample<N> {
     }
 }
 
-/// The robot's position loops, if it is one that can be followed: P with or without lead, once a record period.
-pub fn loops(experiment: &Experiment) -> Option<[PositionLoop<f64>; 2]> {
+/// The position loops each segment was recorded under, if all are such that they can be followed: P with or without
+/// lead, once a record period.
+pub fn loops(experiment: &Experiment) -> Option<Vec<[PositionLoop<f64>; 2]>> {
     if experiment.commands_are_missing() {
         return None;
     }
-    let [Law::Proportional(first), Law::Proportional(second)] = *experiment.laws() else { return None };
-    Some([first, second])
+    let proportional = |segment: &Segment| match segment.laws {
+        [Law::Proportional(first), Law::Proportional(second)] if !segment.followed.double.is_empty() => {
+            Some([first, second])
+        }
+        _ => None,
+    };
+    experiment.segments.iter().map(proportional).collect()
 }
 
 /// A model about to follow `segment` from its start.

@@ -17,6 +17,8 @@ pub enum Parameter {
     Coulomb(usize),
     /// Constant torque a joint's motor has to overcome.
     TorqueOffset(usize),
+    /// What the amplifier makes of a joint's command: a factor on the position gain, 1 where the robot file is right.
+    Gain(usize),
 }
 
 impl Parameter {
@@ -29,6 +31,7 @@ impl Parameter {
             (Self::Viscous(index), _) => format!("viscous friction {}", joint(index)),
             (Self::Coulomb(index), _) => format!("Coulomb friction {}", joint(index)),
             (Self::TorqueOffset(index), _) => format!("torque offset {}", joint(index)),
+            (Self::Gain(index), _) => format!("gain factor {}", joint(index)),
         }
     }
 }
@@ -44,6 +47,10 @@ pub struct Values {
     pub coulomb_nm: [f64; 2],
     /// Constant torque the motors have to overcome in N m.
     pub torque_offset_nm: [f64; 2],
+    /// Factors on the position gains.
+    pub gain: [f64; 2],
+    /// Length of the upper arm in m where it is given: f3 and f4 then follow from f5 and f6.
+    pub upper_arm_m: Option<f64>,
 }
 
 impl Values {
@@ -54,6 +61,8 @@ impl Values {
             viscous_nm_s_per_rad: [0.0; 2],
             coulomb_nm: [0.0; 2],
             torque_offset_nm: [0.0; 2],
+            gain: [1.0; 2],
+            upper_arm_m: None,
         };
         for (index, joint) in robot.joints.iter().enumerate().take(2) {
             values.viscous_nm_s_per_rad[index] = joint.viscous_friction_nm_s_per_rad.unwrap_or(0.0);
@@ -69,16 +78,24 @@ impl Values {
             Parameter::Viscous(joint) => self.viscous_nm_s_per_rad[joint],
             Parameter::Coulomb(joint) => self.coulomb_nm[joint],
             Parameter::TorqueOffset(joint) => self.torque_offset_nm[joint],
+            Parameter::Gain(joint) => self.gain[joint],
         }
     }
 
-    /// Replaces the value of one parameter.
+    /// Replaces the value of one parameter, and of what follows from it.
     pub fn set(&mut self, parameter: Parameter, value: f64) {
         match parameter {
-            Parameter::F(index) => self.f[index] = value,
+            Parameter::F(index) => {
+                self.f[index] = value;
+                // f3 = a3 f5 and f4 = a3 f6.
+                if let (Some(length), 4 | 5) = (self.upper_arm_m, index) {
+                    self.f[index - 2] = length * value;
+                }
+            }
             Parameter::Viscous(joint) => self.viscous_nm_s_per_rad[joint] = value,
             Parameter::Coulomb(joint) => self.coulomb_nm[joint] = value,
             Parameter::TorqueOffset(joint) => self.torque_offset_nm[joint] = value,
+            Parameter::Gain(joint) => self.gain[joint] = value,
         }
     }
 
@@ -107,7 +124,8 @@ impl Values {
             Drive {
                 gear_ratio: joint.gear_ratio,
                 counts_per_rev: joint.counts_per_rev,
-                torque_constant_nm_per_a: joint.torque_constant_nm_per_a,
+                // The amplifier's factor and the motor's constant are one number to the arm.
+                torque_constant_nm_per_a: self.gain[index] * joint.torque_constant_nm_per_a,
                 current_limit_a: joint.current_limit_a,
                 viscous_friction_nm_s_per_rad: self.viscous_nm_s_per_rad[index],
                 coulomb_friction_nm: self.coulomb_nm[index],
@@ -121,6 +139,17 @@ impl Values {
     }
 }
 
+/// What is known of a parameter beforehand: a normal distribution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// The parameter.
+    pub parameter: Parameter,
+    /// Its most likely value.
+    pub mean: f64,
+    /// Its standard deviation, above 0.
+    pub standard_deviation: f64,
+}
+
 /// How friction enters the identification.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum FrictionMode {
@@ -131,15 +160,27 @@ pub enum FrictionMode {
     Known,
 }
 
+/// Which parameters are sought.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sought {
+    /// How friction enters.
+    pub friction: FrictionMode,
+    /// Whether the position gains are sought too.
+    pub gain: bool,
+    /// Length of the upper arm in m, where f3 and f4 are to follow from f5 and f6.
+    pub upper_arm_m: Option<f64>,
+}
+
 /// The parameters that are free for this robot: f (the mass alone on a single axis), friction where it is unknown or
-/// asked for, and on a single axis the torque offset, which nothing else there could take up.
-pub fn free_parameters(robot: &Robot, friction: FrictionMode) -> Vec<Parameter> {
-    let mut free = match robot.kind {
-        Kind::TwoLink => (0..PARAMETERS).map(Parameter::F).collect(),
+/// asked for, gains where asked for, and on a single axis the torque offset, which nothing else there could take up.
+pub fn free_parameters(robot: &Robot, sought: &Sought) -> Vec<Parameter> {
+    let tied = |index: usize| sought.upper_arm_m.is_some() && (index == 2 || index == 3);
+    let mut free: Vec<Parameter> = match robot.kind {
+        Kind::TwoLink => (0..PARAMETERS).filter(|&index| !tied(index)).map(Parameter::F).collect(),
         Kind::SingleAxis => vec![Parameter::F(6)],
     };
     for (index, joint) in robot.joints.iter().enumerate() {
-        let asked = friction == FrictionMode::Identify;
+        let asked = sought.friction == FrictionMode::Identify;
         if asked || joint.viscous_friction_nm_s_per_rad.is_none() {
             free.push(Parameter::Viscous(index));
         }
@@ -149,6 +190,9 @@ pub fn free_parameters(robot: &Robot, friction: FrictionMode) -> Vec<Parameter> 
         if robot.kind == Kind::SingleAxis {
             free.push(Parameter::TorqueOffset(index));
         }
+    }
+    if sought.gain {
+        free.extend((0..robot.joints.len()).map(Parameter::Gain));
     }
     free
 }

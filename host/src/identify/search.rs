@@ -59,7 +59,9 @@ pub fn search(
     match place.free.len() {
         0..=4 => search_sized::<4>(experiment, place, seed, progress),
         5..=9 => search_sized::<9>(experiment, place, seed, progress),
-        _ => search_sized::<13>(experiment, place, seed, progress),
+        10..=13 => search_sized::<13>(experiment, place, seed, progress),
+        // With the torque offsets.
+        _ => search_sized::<15>(experiment, place, seed, progress),
     }
 }
 

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use shared::dual::Dual;
 use shared::plant::Plant;
 
-use super::experiment::{Experiment, Fineness, INNOVATION_SUBSTEPS, Segment};
+use super::experiment::{Experiment, Fineness, Segment};
 use super::parameters::{Parameter, Values};
 use super::simulation::Simulation;
 use crate::lanes::Lanes;
@@ -93,7 +93,7 @@ fn on_lanes<S: Simd>(
             simulation.closed_loop(segment, &settings, |_, _, difference| push(difference));
         }
         Residual::Innovations => {
-            let settings = experiment.settings(INNOVATION_SUBSTEPS);
+            let settings = experiment.settings(experiment.innovation_substeps);
             simulation.innovations(segment, &settings, |_, innovation| push(innovation));
         }
     }

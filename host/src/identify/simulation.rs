@@ -33,7 +33,7 @@ impl<N: Scalar> Simulation<'_, N> {
                 * experiment.robot.record_period_s;
             let error_counts = segment.error_counts[0][joint];
             let actual_counts = segment.reference_counts[0][joint] - error_counts;
-            let law = experiment.laws()[joint].map(number);
+            let law = segment.laws[joint].map(number);
             LawState::moving(law, number(error_counts), number(actual_counts), number(counts_per_tick))
         };
         [law(0), law(1)]

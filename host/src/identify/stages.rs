@@ -3,14 +3,15 @@
 use rayon::prelude::*;
 use shared::genetic::{Coding, Settings};
 
+use super::covariance::{Certainty, Fitted, Origin};
 use super::experiment::{Experiment, Fineness};
-use super::least_squares::{self, ITERATIONS, Problem, Series};
+use super::least_squares::{self, Bound, ITERATIONS, Problem, Series};
 use super::low_pass::low_pass;
 use super::noise::InnovationNoise;
-use super::parameters::{Parameter, Values};
+use super::parameters::{Parameter, Prior, Values};
 use super::search::{Generation, SearchBox, acceptable, search};
 use super::sensitivity::{Columns, Residual};
-use super::{IdentifyError, Progress, linear};
+use super::{IdentifyError, Progress, consistency, covariance, linear};
 use crate::robot::Kind;
 
 /// Cut-off frequencies of the filter ladder in Hz: each stage's basin holds the stage before's result.
@@ -28,7 +29,7 @@ const FINAL_TOLERANCE: f64 = 1e-7;
 
 /// Over how long residuals are taken to be correlated: longer than the memory of the 4 Hz state correction, and a few
 /// dozen times in a movement, so that the estimate itself does not scatter. `tests/tests/identification.rs` judges it.
-const CORRELATION_S: f64 = 0.35;
+pub const CORRELATION_S: f64 = 0.35;
 
 /// Innovations this many times above their own white part mean that the model lacks something.
 const LACKING: f64 = 10.0;
@@ -37,10 +38,8 @@ const LACKING: f64 = 10.0;
 pub struct Outcome {
     /// The best values.
     pub values: Values,
-    /// Standard errors of the free parameters, if the method gives any.
-    pub standard_errors: Option<Vec<f64>>,
-    /// Correlations of the free parameters' errors.
-    pub correlations: Option<Vec<Vec<f64>>>,
+    /// How well the free parameters are known, if the method tells.
+    pub certainty: Option<Certainty>,
     /// Whether the model leaves far more than noise.
     pub lack_of_fit: bool,
     /// Simulations spent.
@@ -62,8 +61,14 @@ pub struct Run<'a> {
     pub experiment: &'a Experiment<'a>,
     /// The parameters sought.
     pub free: &'a [Parameter],
+    /// What is known of them beforehand.
+    pub priors: &'a [Prior],
+    /// Length of the upper arm in m, where it ties f3 and f4 to f5 and f6.
+    pub upper_arm_m: Option<f64>,
     /// Seed of the genetic algorithm.
     pub seed: u64,
+    /// Cut-off frequency of the filter both signals pass before they are compared, in Hz.
+    pub filter_hz: Option<f64>,
     /// Told of every step.
     pub progress: &'a (dyn Fn(Progress) + Sync),
 }
@@ -73,19 +78,18 @@ impl Run<'_> {
     pub fn paper(&self) -> Result<Outcome, IdentifyError> {
         let generations = Settings::default().generations as usize + 1;
         let step = self.stage("genetic algorithm", 0, generations);
-        let mut known = Values::of_robot(self.experiment.robot);
+        let mut known = self.known();
         // The paper's ranges cover f alone. What else is unknown is taken from the linear start.
         let f: Vec<Parameter> = self.free.iter().copied().filter(|p| matches!(p, Parameter::F(_))).collect();
         if f.len() < self.free.len() {
-            known = linear::linear_start(self.experiment, &known, self.free, LADDER_HZ[0]);
+            known = linear::linear_start(self.experiment, &known, self.free, self.priors, LADDER_HZ[0]);
         }
         let ranges: Vec<[f64; 2]> = f.iter().map(|&parameter| self.range(parameter, &known)).collect();
         let place = SearchBox { free: &f, ranges: &ranges, known: &known, start: None, settings: Settings::default() };
         let found = search(self.experiment, &place, self.seed, &step)?;
         Ok(Outcome {
             values: found.values,
-            standard_errors: None,
-            correlations: None,
+            certainty: None,
             lack_of_fit: false,
             evaluations: found.evaluations,
             generations: found.generations,
@@ -99,11 +103,12 @@ impl Run<'_> {
         let total = LADDER_HZ.len() * ITERATIONS + searched + ITERATIONS + 1;
         let mut evaluations = 0;
 
-        let known = Values::of_robot(experiment.robot);
-        let mut values = linear::linear_start(experiment, &known, self.free, LADDER_HZ[0]);
+        let mut values = linear::linear_start(experiment, &self.known(), self.free, self.priors, LADDER_HZ[0]);
+        values = self.nearest_possible(&values);
         for (rung, cutoff_hz) in LADDER_HZ.into_iter().enumerate() {
             let step = self.stage("filter ladder", rung * ITERATIONS, total);
             let period_s = experiment.robot.record_period_s;
+            let cutoff_hz = self.filter_hz.map_or(cutoff_hz, |filter_hz| cutoff_hz.min(filter_hz));
             let smooth = |columns: Columns| -> Series {
                 self.series(columns).into_iter().map(|s| low_pass(&s, period_s, cutoff_hz)).collect()
             };
@@ -114,9 +119,11 @@ impl Run<'_> {
         }
 
         let step = self.stage("genetic algorithm", LADDER_HZ.len() * ITERATIONS, total);
-        let start = values.of(self.free);
-        let ranges: Vec<[f64; 2]> = self
-            .free
+        // Gains only scale everything else: nothing to search for.
+        let searched_for: Vec<Parameter> =
+            self.free.iter().copied().filter(|parameter| !matches!(parameter, Parameter::Gain(_))).collect();
+        let start = values.of(&searched_for);
+        let ranges: Vec<[f64; 2]> = searched_for
             .iter()
             .zip(&start)
             .map(|(&parameter, &value)| {
@@ -132,74 +139,145 @@ impl Run<'_> {
             generations: POLISH_GENERATIONS,
             ..Settings::default()
         };
-        let place = SearchBox { free: self.free, ranges: &ranges, known: &values, start: Some(&start), settings };
+        let place = SearchBox { free: &searched_for, ranges: &ranges, known: &values, start: Some(&start), settings };
         let found = search(experiment, &place, self.seed, &step)?;
         evaluations += found.evaluations;
-        if found.objective_counts2 < experiment.objective_counts2(&values) {
+        let possible = self.broken_bounds(&found.values).is_empty();
+        if possible && found.objective_counts2 < experiment.objective_counts2(&values) {
             values = found.values;
         }
 
         let done = LADDER_HZ.len() * ITERATIONS + searched;
-        let correlated = (CORRELATION_S / experiment.robot.record_period_s) as usize;
-        let settled = |columns: Columns| self.settled(columns);
+        let settled = |columns: Columns| self.settled(self.filtered(columns));
         let innovations = Prepared { which: Residual::Innovations, prepare: &settled };
         let step = self.stage("innovations", done, total);
         let fit = self.solve(&values, &innovations, FINAL_TOLERANCE, &step);
         evaluations += fit.evaluations;
         let best = values.with(self.free, &fit.values);
         let left = settled(experiment.innovations(&best));
-        let lack_of_fit = lacks_something(&left);
+        // What the filter stops is not to be explained; the white part it leaves nothing of.
+        let lack_of_fit = match self.filter_hz {
+            None => lacks_something(&left),
+            Some(_) => experiment.robot.quantised && exceeds_rounding(&left),
+        };
 
-        let (values, covariance) = if lack_of_fit {
+        let (residual, noise) = if lack_of_fit {
             // Where the model lacks something no estimate is the true one. The best is then the one that repeats the
             // tracking errors best, which is what the paper's Y asks for.
-            let closed_loop = Prepared { which: Residual::ClosedLoop(Fineness::Fine), prepare: &settled };
-            let step = self.stage("closed loop", done, total);
-            let fit = self.solve(&best, &closed_loop, FINAL_TOLERANCE, &step);
-            evaluations += fit.evaluations;
-            let covariance =
-                self.problem(&best, &closed_loop, FINAL_TOLERANCE, &step, |p| p.covariance(&fit.values, correlated));
-            (best.with(self.free, &fit.values), covariance)
+            (Residual::ClosedLoop(Fineness::Fine), None)
         } else {
-            // Once more, every frequency now weighed by its own noise. The noise model is that of a held command: in a
-            // faster loop the rounding goes through the loop as well.
-            let joints = experiment.robot.joints.len();
-            let noise: Vec<InnovationNoise> = (0..joints)
-                .map(|joint| {
-                    let series = left.iter().skip(joint).step_by(joints).map(Vec::as_slice);
-                    let period_s = experiment.robot.record_period_s;
-                    if experiment.commands_are_missing() {
-                        InnovationNoise::rounding_alone(period_s)
-                    } else {
-                        InnovationNoise::of(series, period_s)
-                    }
-                })
-                .collect();
-            let whiten = |columns: Columns| -> Series {
-                let series = settled(columns);
-                series.iter().enumerate().map(|(index, series)| noise[index % joints].whiten(series)).collect()
-            };
-            let whitened = Prepared { which: Residual::Innovations, prepare: &whiten };
-            let fit = self.solve(&best, &whitened, FINAL_TOLERANCE, &step);
-            evaluations += fit.evaluations;
-            let covariance =
-                self.problem(&best, &whitened, FINAL_TOLERANCE, &step, |p| p.covariance(&fit.values, correlated));
-            (best.with(self.free, &fit.values), covariance)
+            // Once more, every frequency now weighed by its own noise.
+            (Residual::Innovations, self.noise(&left))
         };
-        evaluations += self.free.len() + 1;
-        let standard_errors: Vec<f64> = (0..self.free.len()).map(|i| covariance[(i, i)].max(0.0).sqrt()).collect();
-        let correlation = |i: usize, j: usize| covariance[(i, j)] / (standard_errors[i] * standard_errors[j]);
-        let correlations =
-            (0..self.free.len()).map(|i| (0..self.free.len()).map(|j| correlation(i, j)).collect()).collect();
+        let joints = experiment.robot.joints.len();
+        let weigh = |columns: Columns| -> Series {
+            let series = settled(columns);
+            let Some(noise) = &noise else { return series };
+            series.iter().enumerate().map(|(index, series)| noise[index % joints].whiten(series)).collect()
+        };
+        let weighed = Prepared { which: residual, prepare: &weigh };
+        let step = self.stage(if lack_of_fit { "closed loop" } else { "innovations" }, done, total);
+        let fit = self.solve(&best, &weighed, FINAL_TOLERANCE, &step);
+        evaluations += fit.evaluations + self.free.len() + 1;
+        let values = best.with(self.free, &fit.values);
+        let certainty = self.certainty(&values, &weighed, &step);
         (self.progress)(Progress { stage: "done", done: total, total });
-        Ok(Outcome {
-            values,
-            standard_errors: Some(standard_errors),
-            correlations: Some(correlations),
-            lack_of_fit,
-            evaluations,
-            generations: found.generations,
+        Ok(Outcome { values, certainty: Some(certainty), lack_of_fit, evaluations, generations: found.generations })
+    }
+
+    /// What is known before anything is identified.
+    pub(super) fn known(&self) -> Values {
+        Values { upper_arm_m: self.upper_arm_m, ..Values::of_robot(self.experiment.robot) }
+    }
+
+    /// The noise of each joint's innovations. The noise model is that of a held command: in a faster loop the rounding
+    /// goes through the loop as well, and innovations stay as they are; so they do behind a filter.
+    fn noise(&self, innovations: &Series) -> Option<Vec<InnovationNoise>> {
+        let joints = self.experiment.robot.joints.len();
+        let of_joint = |joint: usize| {
+            let series = innovations.iter().skip(joint).step_by(joints).map(Vec::as_slice);
+            InnovationNoise::of(series, self.experiment.robot.record_period_s)
+        };
+        (!self.experiment.commands_are_missing() && self.filter_hz.is_none())
+            .then(|| (0..joints).map(of_joint).collect())
+    }
+
+    fn certainty(&self, values: &Values, residual: &Prepared, step: &(dyn Fn(f64) + Sync)) -> Certainty {
+        let at = values.of(self.free);
+        self.problem(values, residual, FINAL_TOLERANCE, step, |problem, level| {
+            let (sensitivities, residuals) = ((problem.sensitivities)(&at), (problem.residuals)(&at));
+            covariance::certainty(&self.fitted(&sensitivities, &residuals, level * level))
         })
+    }
+
+    /// Residuals of the recordings, one series per segment and joint, with what they come from.
+    pub(super) fn fitted<'a>(
+        &self,
+        sensitivities: &'a [Series],
+        residuals: &'a Series,
+        prior_variance: f64,
+    ) -> Fitted<'a> {
+        let experiment = self.experiment;
+        let joints = experiment.robot.joints.len();
+        let of_segment = |recording: usize| (0..joints).map(move |joint| Origin { joint, recording });
+        let origins: Vec<Origin> =
+            experiment.segments.iter().flat_map(|segment| of_segment(segment.recording)).collect();
+        Fitted {
+            sensitivities,
+            residuals,
+            recordings: origins.iter().map(|origin| origin.recording + 1).max().unwrap_or(0),
+            origins,
+            period_s: experiment.robot.record_period_s,
+            correlated_samples: (CORRELATION_S / experiment.robot.record_period_s) as usize,
+            prior_variance,
+        }
+    }
+
+    /// The columns after the filter, if there is one.
+    fn filtered(&self, mut columns: Columns) -> Columns {
+        if let Some(cutoff_hz) = self.filter_hz {
+            let period_s = self.experiment.robot.record_period_s;
+            for series in columns.iter_mut().flatten() {
+                *series = low_pass(series, period_s, cutoff_hz);
+            }
+        }
+        columns
+    }
+
+    fn broken_bounds(&self, values: &Values) -> Vec<Bound> {
+        consistency::broken_bounds(self.experiment.robot, values, self.free)
+    }
+
+    /// `values` if they are possible, otherwise possible ones near them.
+    fn nearest_possible(&self, values: &Values) -> Values {
+        if self.broken_bounds(values).is_empty() {
+            return *values;
+        }
+        let target = values.of(self.free);
+        let scale: Vec<f64> = self
+            .free
+            .iter()
+            .map(|&parameter| {
+                let [low, high] = self.range(parameter, values);
+                1.0 / (high - low)
+            })
+            .collect();
+        let ones = |k: usize| (0..target.len()).map(|i| if i == k { scale[k] } else { 0.0 }).collect::<Vec<f64>>();
+        let problem = Problem {
+            residuals: &|at: &[f64]| {
+                vec![at.iter().zip(&target).zip(&scale).map(|((at, target), scale)| (at - target) * scale).collect()]
+            },
+            sensitivities: &|at: &[f64]| (0..at.len()).map(|k| vec![ones(k)]).collect(),
+            broken_bounds: &|at: &[f64]| self.broken_bounds(&values.with(self.free, at)),
+            acceptable: &|_| true,
+            tolerance: RUNG_TOLERANCE,
+            progress: &|_| (),
+        };
+        // From the middle of the ranges, which is possible, toward the target.
+        let middle: Vec<f64> =
+            self.free.iter().map(|&p| self.range(p, values)).map(|[low, high]| 0.5 * (low + high)).collect();
+        let fit = problem.solve(&middle);
+        values.with(self.free, &fit.values)
     }
 
     /// The settled part of the robot's own joints, one series per segment and joint.
@@ -227,7 +305,7 @@ impl Run<'_> {
         tolerance: f64,
         step: &(dyn Fn(f64) + Sync),
     ) -> least_squares::Fit {
-        self.problem(values, residual, tolerance, step, |problem| problem.solve(&values.of(self.free)))
+        self.problem(values, residual, tolerance, step, |problem, _| problem.solve(&values.of(self.free)))
     }
 
     fn problem<T>(
@@ -236,23 +314,41 @@ impl Run<'_> {
         residual: &Prepared,
         tolerance: f64,
         step: &(dyn Fn(f64) + Sync),
-        work: impl FnOnce(&Problem) -> T,
+        work: impl FnOnce(&Problem, f64) -> T,
     ) -> T {
         let experiment = self.experiment;
         let at = |candidate: &[f64]| values.with(self.free, candidate);
-        let residuals = |candidate: &[f64]| (residual.prepare)(experiment.residual(&at(candidate), residual.which));
+        let prepared = |candidate: &[f64]| (residual.prepare)(experiment.residual(&at(candidate), residual.which));
+        // A prior counts as one residual of the size that the others have.
+        let level = if self.priors.is_empty() { 0.0 } else { rms(&prepared(&values.of(self.free))) };
+        let weight = |prior: &Prior| level / prior.standard_deviation;
+        let residuals = |candidate: &[f64]| {
+            let mut series = prepared(candidate);
+            let candidate = at(candidate);
+            let of_prior = |prior: &Prior| (candidate.get(prior.parameter) - prior.mean) * weight(prior);
+            series.extend(self.priors.iter().map(|prior| vec![of_prior(prior)]));
+            series
+        };
         let sensitivities = |candidate: &[f64]| -> Vec<Series> {
             let columns = experiment.sensitivities(&at(candidate), self.free, residual.which);
-            columns.into_par_iter().map(residual.prepare).collect()
+            let mut series: Vec<Series> = columns.into_par_iter().map(residual.prepare).collect();
+            for (&parameter, series) in self.free.iter().zip(&mut series) {
+                let slope = |prior: &Prior| if prior.parameter == parameter { weight(prior) } else { 0.0 };
+                series.extend(self.priors.iter().map(|prior| vec![slope(prior)]));
+            }
+            series
         };
+        let broken_bounds = |candidate: &[f64]| self.broken_bounds(&at(candidate));
         let acceptable = |candidate: &[f64]| acceptable(experiment, &at(candidate));
-        work(&Problem {
+        let problem = Problem {
             residuals: &residuals,
             sensitivities: &sensitivities,
+            broken_bounds: &broken_bounds,
             acceptable: &acceptable,
             tolerance,
             progress: step,
-        })
+        };
+        work(&problem, level)
     }
 
     /// The range a parameter lies in: the robot file's for f of an arm, otherwise around what is known.
@@ -265,6 +361,7 @@ impl Run<'_> {
                 let reach = values.coulomb_nm[joint].max(1e-6);
                 [value - reach, value + reach]
             }
+            (_, Parameter::Gain(_)) => [0.5, 1.5],
             _ => [0.0, 2.0 * value.abs().max(1e-6)],
         }
     }
@@ -277,6 +374,20 @@ impl Run<'_> {
             (self.progress)(Progress { stage, done: done.min(total), total });
         }
     }
+}
+
+/// Whether residuals are far larger than the rounding of an encoder.
+fn exceeds_rounding(residuals: &Series) -> bool {
+    const ROUNDING_COUNTS2: f64 = 1.0 / 12.0;
+    residuals.iter().any(|series| {
+        let mean_square = series.iter().map(|x| x * x).sum::<f64>() / series.len().max(1) as f64;
+        mean_square > LACKING * LACKING * ROUNDING_COUNTS2
+    })
+}
+
+fn rms(series: &Series) -> f64 {
+    let count = series.iter().map(Vec::len).sum::<usize>().max(1);
+    (series.iter().flatten().map(|x| x * x).sum::<f64>() / count as f64).sqrt()
 }
 
 /// Whether residuals are far larger than their white part, which second differences measure: √6 of it is all that

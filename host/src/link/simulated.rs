@@ -6,7 +6,8 @@
 //!
 //! Modelled: sampling both encoders at one instant, `fix()`, the command acting its delay after sampling, the
 //! converters' 12 bits and their full scale, noise of the current sensor, brakes that hold while the amplifiers are
-//! off, a flash memory that keeps the parameters and is busy for as long as a real one. Left out: the amplifier's bandwidth, and whatever `explain` looks for.
+//! off, a flash memory that keeps the parameters and is busy for as long as a real one, power cuts. Left out: the
+//! amplifier's bandwidth, and whatever `explain` looks for.
 
 mod flash;
 
@@ -22,12 +23,21 @@ use shared::protocol::{
 };
 use shared::storage::Log;
 
-pub use flash::{MemoryFlash, complete};
+pub use flash::{FlashHistory, MemoryFlash, POWER_CUT, complete};
 
 use super::{Link, LinkError};
 use crate::hidden_robot::HiddenRobot;
 use crate::random::Random;
 use crate::robot::Robot;
+
+/// Torque that no model knows: a random torque at each motor, of a memory of its own (Gauss–Markov process).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TorqueNoise {
+    /// Standard deviation at each motor in N m.
+    pub deviation_nm: [f64; 2],
+    /// Time after which its correlation has fallen to 1/e, in s.
+    pub correlation_time_s: f64,
+}
 
 /// Noise of the current sensor, A rms.
 const CURRENT_NOISE_A: f64 = 0.02;
@@ -36,8 +46,12 @@ const CURRENT_NOISE_A: f64 = 0.02;
 /// by it.
 const LONGEST_STEP_NS: u64 = 200_000;
 
-/// Most bytes waiting for the host; further telemetry is dropped, as a real board's buffer would.
-const OUTPUT_BYTES: usize = 1 << 16;
+/// Most bytes waiting for the host, as many as a system holds for a serial port that nobody reads; further telemetry is
+/// dropped.
+const OUTPUT_BYTES: usize = 1 << 12;
+
+/// How long a power cut lasts.
+const POWER_CUT_NS: u64 = 1_000_000;
 
 /// A board with its robot, inside this process.
 pub struct SimulatedBoard {
@@ -57,7 +71,12 @@ pub struct SimulatedBoard {
     counter_offset: [i32; 2],
     emergency_stop: bool,
     equal_cells: bool,
+    /// Whether the next tick is to find that one was too late.
+    deadline_missed: bool,
     random: Random,
+    torque_noise: Option<TorqueNoise>,
+    torque_random: Random,
+    noise_nm: [f64; 2],
     time_ns: u64,
     from_host: Decoder,
     to_host: VecDeque<u8>,
@@ -66,6 +85,9 @@ pub struct SimulatedBoard {
     log: Log,
     /// Until when the memory is busy, and what the board hears then.
     storing: Option<(u64, Result<(), StoreFailure>)>,
+    /// When power fails: in the middle of what is being stored.
+    power_fails_ns: Option<u64>,
+    restarts: usize,
 }
 
 impl SimulatedBoard {
@@ -84,7 +106,7 @@ impl SimulatedBoard {
             board: heapless::String::try_from("simulated").unwrap_or_default(),
             chip_id: [0; 12],
             chip_revision: 0,
-            reset_cause: ResetCause::Other,
+            reset_cause: ResetCause::PowerOn,
         };
         let scale = |joint: usize| CurrentScale::symmetric(robot.joints[joint].current_full_scale_a);
         let flash = MemoryFlash::default();
@@ -103,7 +125,11 @@ impl SimulatedBoard {
             counter_offset: [0; 2],
             emergency_stop: false,
             equal_cells: false,
+            deadline_missed: false,
             random: Random::new(seed, 2),
+            torque_noise: None,
+            torque_random: Random::new(seed, 3),
+            noise_nm: [0.0; 2],
             time_ns: 0,
             from_host: Decoder::new(),
             to_host: VecDeque::new(),
@@ -111,6 +137,8 @@ impl SimulatedBoard {
             flash,
             log,
             storing: None,
+            power_fails_ns: None,
+            restarts: 0,
         }
     }
 
@@ -133,6 +161,13 @@ impl SimulatedBoard {
         self
     }
 
+    /// With `noise` at the motors.
+    pub fn with_torque_noise(mut self, noise: TorqueNoise) -> Self {
+        self.torque_noise = Some(noise);
+        self.noise_nm = noise.deviation_nm.map(|deviation| deviation * self.torque_random.normal());
+        self
+    }
+
     /// Presses or releases the emergency stop.
     pub fn set_emergency_stop(&mut self, pressed: bool) {
         self.emergency_stop = pressed;
@@ -151,18 +186,77 @@ impl SimulatedBoard {
         (self.command_code, self.amplifiers_on)
     }
 
+    /// Lets the next tick find that the one before was too late.
+    pub fn miss_deadline(&mut self) {
+        self.deadline_missed = true;
+    }
+
+    /// Lets time pass with nobody at the line.
+    pub fn run(&mut self, duration: Duration) {
+        let until_ns = self.time_ns.saturating_add(duration.as_nanos().try_into().unwrap_or(u64::MAX));
+        while self.time_ns < until_ns {
+            self.tick();
+        }
+    }
+
+    /// Its memory for parameters, to look at, or to let power fail in the middle of a store.
+    pub fn flash(&self) -> &MemoryFlash {
+        &self.flash
+    }
+
+    /// Cuts the power for a millisecond. The board starts anew, with what its flash memory has kept, and with counters
+    /// at zero wherever the arm is. What the board had begun to store is stored: for a cut in the middle of that see
+    /// [`MemoryFlash::cut_power_after`].
+    pub fn cut_power(&mut self) {
+        let counts = self.counts();
+        for (offset, count) in self.counter_offset.iter_mut().zip(counts) {
+            *offset = offset.wrapping_sub(count);
+        }
+        self.flash.switch_on();
+        let (log, found) = Log::open(&self.flash);
+        self.log = log;
+        self.board = Board::new(self.board.identity().clone(), vec![PackedSample::EMPTY; DEFAULT_SAMPLES]);
+        self.board.restore_stored(&found);
+        self.storing = None;
+        self.power_fails_ns = None;
+        self.from_host = Decoder::new();
+        self.to_host.clear();
+        self.telemetry_dropped = 0;
+        self.switch_off();
+        self.command_code = [MID_SCALE; 2];
+        self.time_ns += POWER_CUT_NS;
+        self.restarts += 1;
+    }
+
+    /// How often it was started anew.
+    pub fn restarts(&self) -> usize {
+        self.restarts
+    }
+
+    /// What the counters show.
+    fn counts(&self) -> [i32; 2] {
+        std::array::from_fn(|joint| {
+            let (drive, position_rad) = (&self.drives[joint], self.state.position_rad[joint]);
+            let counts = if self.equal_cells {
+                (position_rad * drive.counts_per_rad()).ceil()
+            } else {
+                drive.encoder_counts(position_rad)
+            } as i32;
+            counts.wrapping_add(self.counter_offset[joint])
+        })
+    }
+
+    /// The brakes engage when power goes, and hold at once.
+    fn switch_off(&mut self) {
+        self.amplifiers_on = false;
+        self.current_a = [0.0; 2];
+        self.state.velocity_rad_s = [0.0; 2];
+    }
+
     /// One loop period: sample, decide, let the arm move.
     fn tick(&mut self) {
         let inputs = Inputs {
-            counts: std::array::from_fn(|joint| {
-                let (drive, position_rad) = (&self.drives[joint], self.state.position_rad[joint]);
-                let counts = if self.equal_cells {
-                    (position_rad * drive.counts_per_rad()).ceil()
-                } else {
-                    drive.encoder_counts(position_rad)
-                } as i32;
-                counts.wrapping_add(self.counter_offset[joint])
-            }),
+            counts: self.counts(),
             current_code: std::array::from_fn(|joint| {
                 let measured_a = self.current_a[joint] + CURRENT_NOISE_A * self.random.normal();
                 let scale = &self.current_scale[joint];
@@ -170,17 +264,22 @@ impl SimulatedBoard {
                 code.round().clamp(0.0, 4095.0) as u16
             }),
             emergency_stop: self.emergency_stop,
-            deadline_missed: false,
+            deadline_missed: std::mem::take(&mut self.deadline_missed),
         };
         let period_ns = u64::from(self.board.loop_period_ns());
+        if let Some(noise) = self.torque_noise {
+            // Exact for this process at any period.
+            let kept = (-1e-9 * period_ns as f64 / noise.correlation_time_s).exp();
+            let fresh = (1.0 - kept * kept).sqrt();
+            for (torque_nm, deviation_nm) in self.noise_nm.iter_mut().zip(noise.deviation_nm) {
+                *torque_nm = kept * *torque_nm + fresh * deviation_nm * self.torque_random.normal();
+            }
+        }
         let outputs = self.board.tick(&inputs);
         self.command_code = outputs.command_code;
         self.board.advance_check();
         if !outputs.amplifier_enable {
-            // The brakes engage when power goes, and hold at once.
-            self.amplifiers_on = false;
-            self.current_a = [0.0; 2];
-            self.state.velocity_rad_s = [0.0; 2];
+            self.switch_off();
         } else {
             let delay_ns = if self.amplifiers_on { self.command_delay_ns.min(period_ns) } else { 0 };
             self.amplifiers_on = true;
@@ -203,6 +302,9 @@ impl SimulatedBoard {
             self.send_to_host(&BoardMessage::Event(event));
         }
         self.store();
+        if self.power_fails_ns.is_some_and(|fails_ns| self.time_ns >= fails_ns) {
+            self.cut_power();
+        }
     }
 
     /// Stores what the board wants stored, and tells it when the memory would be done.
@@ -215,16 +317,21 @@ impl SimulatedBoard {
         if let Some(parameters) = self.board.begin_store() {
             let before_ns = self.flash.busy_ns();
             let stored = complete(self.log.store(&mut self.flash, parameters.as_ref()));
-            let busy_ns = self.flash.busy_ns() - before_ns;
-            self.storing =
-                Some((self.time_ns + busy_ns, stored.unwrap_or(Err(StoreFailure::Timeout { waited_ms: 0 }))));
+            let until_ns = self.time_ns + self.flash.busy_ns() - before_ns;
+            if self.flash.has_power() {
+                self.storing = Some((until_ns, stored.unwrap_or(Err(StoreFailure::Timeout { waited_ms: 0 }))));
+            } else {
+                // The board does not hear of it any more.
+                self.power_fails_ns = Some(until_ns);
+            }
         }
     }
 
     /// Lets the arm move for `duration_ns` under the current that flows.
     fn advance(&mut self, duration_ns: u64) {
         let steps = duration_ns.div_ceil(LONGEST_STEP_NS);
-        let torque_nm = std::array::from_fn(|joint| self.drives[joint].motor_torque_nm(self.current_a[joint]));
+        let torque_nm =
+            [0, 1].map(|joint| self.drives[joint].motor_torque_nm(self.current_a[joint]) + self.noise_nm[joint]);
         for _ in 0..steps {
             self.state = self.plant.step(&self.state, torque_nm, duration_ns as f64 * 1e-9 / steps as f64);
         }

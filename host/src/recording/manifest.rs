@@ -83,6 +83,15 @@ impl ManifestJoint {
     pub fn position_loop(&self) -> PositionLoop<f64> {
         PositionLoop { gain_a_per_count: self.position_gain_a_per_count, lead: self.lead }
     }
+
+    /// The loop that was in force: the noted one, or that of the robot `file` where the two differ by no more than a
+    /// calibration does, which knows better than who set it.
+    pub fn in_force(&self, file: &PositionLoop<f64>) -> PositionLoop<f64> {
+        let noted = self.position_loop();
+        let gain = (noted.gain_a_per_count / file.gain_a_per_count - 1.0).abs() <= CALIBRATED_GAIN_SHARE;
+        let lead = (noted.lead - file.lead).abs() <= CALIBRATED_LEAD;
+        if gain && lead { *file } else { noted }
+    }
 }
 
 impl Manifest {
@@ -157,17 +166,19 @@ impl Manifest {
                 remedy: "the error does not follow from the position loop; record with --mode p".into(),
             });
         }
-        for (noted, joint) in self.joint.iter().zip(&robot.joints) {
-            if let Law::Proportional(expected) = joint.law {
-                let field = |name: &str| format!("{name} of joint \"{}\"", joint.name);
-                // A calibrated gain may differ a little from the one that was set.
-                let gain = noted.position_gain_a_per_count;
-                agree(path, field("position_gain_a_per_count"), gain, expected.gain_a_per_count, 0.01)?;
-                if (noted.lead - expected.lead).abs() > 0.05 {
-                    agree(path, field("lead"), noted.lead, expected.lead, 0.0)?;
-                }
+        // No recording comes from an unstable loop.
+        let mut as_recorded = robot.clone();
+        for (noted, joint) in self.joint.iter().zip(&mut as_recorded.joints) {
+            if let Law::Proportional(position_loop) = &mut joint.law {
+                *position_loop = noted.in_force(position_loop);
             }
         }
+        as_recorded.check_gains().map_err(|error| FileError {
+            path: path.to_path_buf(),
+            line: None,
+            problem: Problem::Unstable { joint: error.joint, source: error.source },
+            remedy: "correct the manifest, or remove it to use the robot file's gains".into(),
+        })?;
         Ok(())
     }
 
@@ -177,6 +188,10 @@ impl Manifest {
         atomic::write(path, text.as_bytes())
     }
 }
+
+/// A noted gain or lead that differs from the robot file's by no more is the one that was set before a calibration.
+const CALIBRATED_GAIN_SHARE: f64 = 0.01;
+const CALIBRATED_LEAD: f64 = 0.05;
 
 /// Accepts a noted value only within `tolerance` of the robot file's, as a share of it.
 fn agree(path: &Path, field: String, noted: f64, expected: f64, tolerance: f64) -> Result<(), FileError> {

@@ -27,6 +27,7 @@ struct RawRobot {
     record_period_s: Spanned<f64>,
     loop_period_s: Number,
     command_delay_s: Number,
+    counts_per_tick_limit: Number,
     #[serde(default = "yes")]
     quantised: bool,
     #[serde(default)]
@@ -281,6 +282,7 @@ fn parse(text: &TomlText<'_>) -> Result<(Robot, Places), FileError> {
         record_period_s,
         loop_period_s: reader.optional(None, "loop_period_s", &raw.loop_period_s).unwrap_or(record_period_s),
         command_delay_s: reader.optional(None, "command_delay_s", &raw.command_delay_s).unwrap_or(0.0),
+        counts_per_tick_limit: reader.optional(None, "counts_per_tick_limit", &raw.counts_per_tick_limit),
         quantised: raw.quantised,
         current_is_command: raw.current_is_command,
         joints,
@@ -366,6 +368,9 @@ pub(super) fn to_toml(robot: &Robot) -> String {
     line("record_period_s", number(robot.record_period_s));
     line("loop_period_s", number(robot.loop_period_s));
     line("command_delay_s", number(robot.command_delay_s));
+    if let Some(limit) = robot.counts_per_tick_limit {
+        line("counts_per_tick_limit", number(limit));
+    }
     line("quantised", robot.quantised.to_string());
     line("current_is_command", robot.current_is_command.to_string());
     for joint in &robot.joints {

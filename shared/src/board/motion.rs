@@ -10,6 +10,9 @@ use crate::protocol::{ActiveLimit, ControlLaw, Fault, Joint, LimitsActive, Link,
 use crate::scalar::Scalar as _;
 use crate::trajectory::Approach;
 
+#[cfg(test)]
+mod tests;
+
 /// What a tick looks at.
 pub(super) struct Tick<'a> {
     pub(super) inputs: &'a Inputs,
@@ -39,7 +42,7 @@ pub(super) struct Start {
     pub(super) approach: Approach,
     pub(super) settle_ns: u64,
     pub(super) rows: u32,
-    /// The link that asked for it, and must stay alive.
+    /// The link that asked for it.
     pub(super) commander: Link,
 }
 
@@ -52,9 +55,6 @@ struct Movement {
     recorded: u32,
     /// Loop ticks since the last row; a row is recorded at 0.
     loops_since_row: u32,
-    commander: Link,
-    /// Time since the last valid request of the commander.
-    silent_ns: u64,
 }
 
 /// A law at work.
@@ -74,6 +74,11 @@ pub(super) struct Motion {
     path: Path,
     clock: Clock,
     law: Law,
+    /// The link that switched on or began the last movement. It must stay alive as long as the amplifiers are on: an
+    /// arm that nobody looks after is held by its brakes, not by its motors.
+    commander: Link,
+    /// Time since the last valid request of the commander.
+    silent_ns: u64,
     movement: Option<Movement>,
     /// Errors of the tick before; `None` where there was none, or under another reference.
     previous_error: Option<[i32; 2]>,
@@ -96,6 +101,8 @@ impl Motion {
             path: Path::Counts(HeldCounts::new([0; 2])),
             clock: Clock::START,
             law: Law::Position,
+            commander: Link::Usb,
+            silent_ns: 0,
             movement: None,
             previous_error: None,
             command_a: [0.0; 2],
@@ -140,17 +147,15 @@ impl Motion {
 
     /// A valid request came over `link`.
     pub(super) fn heard(&mut self, link: Link) {
-        if let Some(movement) = &mut self.movement
-            && movement.commander == link
-        {
-            movement.silent_ns = 0;
+        if self.commander == link {
+            self.silent_ns = 0;
         }
     }
 
-    /// Switches on and holds `position_counts`.
-    pub(super) fn arm(&mut self, position_counts: [i32; 2]) {
-        *self =
-            Self { last_fault: self.last_fault, path: Path::Counts(HeldCounts::new(position_counts)), ..Self::new() };
+    /// Switches on for `commander` and holds `position_counts`.
+    pub(super) fn arm(&mut self, commander: Link, position_counts: [i32; 2]) {
+        let path = Path::Counts(HeldCounts::new(position_counts));
+        *self = Self { last_fault: self.last_fault, path, commander, ..Self::new() };
         self.enter(Mode::Armed);
     }
 
@@ -199,9 +204,9 @@ impl Motion {
             rows: start.rows,
             recorded: 0,
             loops_since_row: 0,
-            commander: start.commander,
-            silent_ns: 0,
         });
+        self.commander = start.commander;
+        self.silent_ns = 0;
         self.enter(Mode::Approaching(start.law));
     }
 
@@ -306,14 +311,9 @@ impl Motion {
             }
         }
         self.check_speed(tick)?;
-        if self.mode.is_moving()
-            && let Some(movement) = &mut self.movement
-        {
-            movement.silent_ns = movement.silent_ns.saturating_add(constants.loop_period_ns);
-            if movement.silent_ns > constants.link_timeout_ns {
-                let limit_ns = constants.link_timeout_ns;
-                return Err(Fault::LinkLost { silent_ns: movement.silent_ns, limit_ns });
-            }
+        self.silent_ns = self.silent_ns.saturating_add(constants.loop_period_ns);
+        if self.silent_ns > constants.link_timeout_ns {
+            return Err(Fault::LinkLost { silent_ns: self.silent_ns, limit_ns: constants.link_timeout_ns });
         }
         Ok(())
     }

@@ -17,6 +17,13 @@ impl HeldCounts {
         Self { counts, inverted: [!first, !second] }
     }
 
+    /// Flips a bit of one of the two copies.
+    #[cfg(test)]
+    pub(super) fn flip(&mut self, copy: usize, joint: usize, bit: u32) {
+        let copies = [&mut self.counts, &mut self.inverted];
+        copies[copy][joint] ^= 1 << bit;
+    }
+
     /// Whether the two copies agree.
     pub(super) fn is_whole(&self) -> bool {
         self.counts == self.inverted.map(|count| !count)

@@ -128,7 +128,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                 self.storing.keep();
             }
             &Request::SetPosition { position_rad } => self.set_position(position_rad)?,
-            Request::Arm => self.arm()?,
+            Request::Arm => self.arm(link)?,
             Request::Disarm => {
                 self.recording.end(EndedBy::Stopped);
                 // A fault is not forgotten by disarming.
@@ -225,7 +225,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         Ok(())
     }
 
-    fn arm(&mut self) -> Result<(), Refusal> {
+    fn arm(&mut self, link: Link) -> Result<(), Refusal> {
         self.only_idle()?;
         self.parameters.applied()?;
         if self.emergency_stop {
@@ -237,7 +237,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         if !self.encoders.pose_known() {
             return Err(Refusal::PoseUnknown);
         }
-        self.motion.arm(self.encoders.position_counts());
+        self.motion.arm(link, self.encoders.position_counts());
         Ok(())
     }
 

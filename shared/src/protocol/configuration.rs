@@ -140,7 +140,7 @@ pub struct LoopConstants {
     pub record_period_ns: u32,
     /// From sampling the encoders to the new current, in ns. At most one loop period.
     pub command_delay_ns: u32,
-    /// Silence of the host during a movement that is a fault, in ns. 1 ms to 60 s.
+    /// Silence of the host, while the amplifiers are on, that is a fault, in ns. 1 ms to 60 s.
     pub link_timeout_ns: u64,
     /// How long a command may stay at its current limit before that is a fault, in ns. At most 60 s.
     pub current_limit_time_ns: u64,

@@ -52,8 +52,8 @@ pub enum Fault {
         /// `speed_limit_rad_s` of the configuration.
         limit_rad_s: f32,
     },
-    /// The host that started the movement fell silent.
-    #[error("link-lost: no valid request for {silent_ns} ns during a movement, limit {limit_ns} ns; {}", self.remedy())]
+    /// The host that switched on, or began the last movement, fell silent while the amplifiers were on.
+    #[error("link-lost: no valid request for {silent_ns} ns with the amplifiers on, limit {limit_ns} ns; {}", self.remedy())]
     LinkLost {
         /// Time since the last valid request over the link that started the movement, in ns.
         silent_ns: u64,
@@ -208,7 +208,7 @@ impl Fault {
             Self::OverCurrent { .. } => "check the motor's wiring and the current scale",
             Self::CurrentLimit { .. } => "look for a blocked joint, or choose a slower trajectory",
             Self::OverSpeed { .. } => "choose a slower trajectory, or check the encoder",
-            Self::LinkLost { .. } => "check the cable; while a movement runs, send keep-alives or read the stream",
+            Self::LinkLost { .. } => "check the cable; while the amplifiers are on, send keep-alives or other requests",
             Self::DeadlineMissed => "choose a longer loop period, and report the timing shown by info",
             Self::EncoderJump { .. } => "check the encoder's wiring and shielding, then declare the pose again",
             Self::MemoryCorrupted => "restart the board, and replace it if this happens again",

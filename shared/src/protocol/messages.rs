@@ -27,7 +27,7 @@ pub enum Request {
     },
     /// What is the board doing? → [`Reply::Status`].
     Status,
-    /// Keeps the link alive during a movement, as every other request does. → [`Reply::Done`].
+    /// Keeps the link alive while the amplifiers are on, as every other request does. → [`Reply::Done`].
     KeepAlive,
     /// Stages one part of the configuration; only in [`Mode::Idle`]. → [`Reply::Done`].
     Configure(ConfigurationPart),

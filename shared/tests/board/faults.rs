@@ -178,12 +178,28 @@ fn link_lost() {
     assert_eq!(fault, Fault::LinkLost { silent_ns: 500_500_000, limit_ns: 500_000_000 });
 }
 
+/// An arm that stands is left to its brakes, too, when nobody looks after it any more: before a movement and after it.
 #[test]
-fn a_silent_host_loses_nothing_while_nothing_moves() {
+fn a_silent_host_loses_the_arm_that_stands() {
     let mut rig = Rig::armed(configuration());
-    rig.keep_alive_every = 0;
     rig.seconds(2.0);
     assert_eq!(rig.board.mode(), Mode::Armed);
+    rig.ok(Request::KeepAlive);
+    rig.keep_alive_every = 0;
+    let mut ticks = 1;
+    rig.until_off(|_, _| ticks += 1);
+    let lost = Mode::Fault(Fault::LinkLost { silent_ns: 500_500_000, limit_ns: 500_000_000 });
+    assert_eq!((rig.board.mode(), ticks), (lost, 715));
+
+    let mut rig = running();
+    rig.until(|mode| mode == Mode::Holding(ControlLaw::Position));
+    rig.seconds(2.0);
+    assert_eq!(rig.board.mode(), Mode::Holding(ControlLaw::Position));
+    rig.keep_alive_every = 0;
+    rig.seconds(0.6);
+    assert_eq!(rig.board.mode(), lost);
+    assert_eq!(rig.recording_info().ended, Some(EndedBy::Completed), "the movement itself was complete");
+    assert_eq!(rig.recording().len(), 5214);
 }
 
 /// 400 ms without a word, in the middle of a movement: not a row is lost.

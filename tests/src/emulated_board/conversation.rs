@@ -9,6 +9,9 @@ use shared::protocol::Link;
 use super::command::{Answer, Command, PowerCut, Until};
 use super::usb::UsbAction;
 
+/// Bytes that a system keeps of a serial line nobody reads.
+const SYSTEM_BYTES: usize = 4096;
+
 /// What the host keeps of the conversation.
 #[derive(Debug)]
 pub struct Conversation {
@@ -19,6 +22,8 @@ pub struct Conversation {
     from_board: VecDeque<u8>,
     from_usb: VecDeque<u8>,
     usb_is_open: bool,
+    /// Until when nobody reads the serial line.
+    stalled_until_ns: u64,
     /// What the bench is told next; what stays true stays in it.
     next: Command,
 }
@@ -33,6 +38,7 @@ impl Conversation {
             from_board: VecDeque::new(),
             from_usb: VecDeque::new(),
             usb_is_open: false,
+            stalled_until_ns: 0,
             next: Command::default(),
         }
     }
@@ -56,6 +62,11 @@ impl Conversation {
         self.next.usb_actions.push((at_ns, action));
     }
 
+    /// The serial line is not read for so long.
+    pub fn stall_serial(&mut self, duration: Duration) {
+        self.stalled_until_ns = self.until_ns(duration);
+    }
+
     /// Whether the USB port is open.
     pub fn usb_is_open(&self) -> bool {
         self.usb_is_open
@@ -73,6 +84,13 @@ impl Conversation {
 
     /// Lets the board run until it has sent a frame, for at most `timeout`; nothing when the emulation has ended.
     pub fn receive(&mut self, link: Link, buffer: &mut [u8], timeout: Duration) -> Option<usize> {
+        if link == Link::Serial && self.now_ns < self.stalled_until_ns {
+            let left = Duration::from_nanos(self.stalled_until_ns - self.now_ns);
+            self.run(timeout.min(left), Until::TimeIsUp)?;
+            if self.now_ns < self.stalled_until_ns {
+                return Some(0);
+            }
+        }
         if self.from(link).is_empty() {
             self.run(timeout, Until::Frame(link))?;
         }
@@ -91,8 +109,12 @@ impl Conversation {
         let command = Command { run_until_ns, until, ..std::mem::replace(&mut self.next, next) };
         self.commands.as_ref()?.send(command).ok()?;
         let answer = self.answers.recv().ok()?;
+        let is_stalled = self.now_ns < self.stalled_until_ns;
         self.now_ns = answer.at_ns;
         self.from_board.extend(answer.from_board);
+        if is_stalled {
+            self.from_board.truncate(SYSTEM_BYTES);
+        }
         self.from_usb.extend(answer.from_usb);
         self.usb_is_open = answer.usb_is_open;
         Some(())

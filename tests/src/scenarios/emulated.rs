@@ -9,9 +9,9 @@ use rigless::mcu::Operate as _;
 use rigless::soc::Width;
 use shared::protocol::Link as BoardLink;
 
-use super::BoardUnderTest;
+use super::{BoardUnderTest, Setup};
 use crate::emulated_board::observations::Observations;
-use crate::emulated_board::{EmulatedBoard, FIRMWARE_VARIABLE, Turn, firmware_from_environment};
+use crate::emulated_board::{EmulatedBoard, FIRMWARE_VARIABLE, PowerCut, Turn, firmware_from_environment};
 use crate::line::Trouble;
 
 /// Seed of the robot at every board under test.
@@ -19,6 +19,15 @@ const SEED: u64 = 5;
 
 /// Count registers of TIM2 and TIM5, joint 2 and joint 3.
 const COUNTERS: [u64; 2] = [0x4000_0024, 0x4000_0C24];
+
+/// Auto-reload register of TIM1: steps of the control interrupt's period, less one.
+const TIM1_RELOAD: u64 = 0x4001_002C;
+
+/// Its value for a loop period of 0.7 ms.
+const USUAL_STEPS: u64 = 58_800 - 1;
+
+/// A loop period that no run of the control interrupt fits in: 5 µs.
+const TOO_SHORT_STEPS: u64 = 420;
 
 /// The robot the boards under test are told of.
 pub fn robot() -> Robot {
@@ -31,13 +40,15 @@ pub fn hidden() -> HiddenRobot {
 }
 
 /// Switches on boards with the image that the environment names; nothing, and a word about it, where it names none.
-pub fn switched_on() -> Option<impl Fn() -> EmulatedBoard> {
+pub fn switched_on() -> Option<impl Fn(Setup) -> EmulatedBoard> {
     let firmware = firmware_from_environment();
     if firmware.is_none() {
         println!("SKIPPED: {FIRMWARE_VARIABLE} names no image; run `tests/run emulated`, which builds one");
     }
     let firmware = firmware?;
-    Some(move || EmulatedBoard::start(&firmware, &robot(), &hidden()).expect("an image that runs"))
+    Some(move |Setup { robot, flash }: Setup| {
+        EmulatedBoard::start_with(&firmware, &robot, &hidden(), &flash).expect("an image that runs")
+    })
 }
 
 impl BoardUnderTest for EmulatedBoard {
@@ -61,6 +72,28 @@ impl BoardUnderTest for EmulatedBoard {
 
     fn disturb_line(&self, trouble: Trouble, duration: Duration) {
         EmulatedBoard::disturb_line(self, trouble, duration);
+    }
+
+    fn stall_reader(&self, duration: Duration) {
+        EmulatedBoard::stall_serial_for(self, duration);
+    }
+
+    /// The control timer runs so fast for a while that a run of its interrupt lasts longer than a period.
+    fn delay_a_tick(&self) {
+        let reload = |steps: u64| {
+            self.intervene(move |session, _, at| {
+                let chip = session.board_mut().chip_mut();
+                chip.write(at, TIM1_RELOAD, Width::W32, steps).expect("a register");
+            });
+        };
+        reload(TOO_SHORT_STEPS);
+        // It counts from the next overflow on.
+        EmulatedBoard::run(self, Duration::from_micros(750));
+        reload(USUAL_STEPS);
+    }
+
+    fn cut_power(&self, when: PowerCut) {
+        EmulatedBoard::cut_power(self, when);
     }
 
     fn turn_by_hand(&self, turn: Turn) {

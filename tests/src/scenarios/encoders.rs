@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{BoardUnderTest, check_whole, loaded, ready, run_undisturbed};
+use super::{BoardUnderTest, Setup, check_whole, loaded, ready, run_undisturbed};
 use crate::emulated_board::Turn;
 
 /// Counts per second of the fastest movement, and ten times that.
@@ -10,9 +10,9 @@ const RATES_COUNTS_PER_S: [u64; 2] = [25_000, 250_000];
 
 /// Both counters pass the ends of their 32 bits in the middle of a movement, one where its number is without a sign,
 /// the other where it has one; the recording is that of counters that do not.
-pub fn counters_may_wrap_during_a_movement<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
+pub fn counters_may_wrap_during_a_movement<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
     let run = |counts: Option<[u32; 2]>| {
-        let board = switch_on();
+        let board = switch_on(Setup::default());
         board.run(Duration::from_millis(20));
         if let Some(counts) = counts {
             board.set_counters(counts);
@@ -36,8 +36,8 @@ pub fn counters_may_wrap_during_a_movement<B: BoardUnderTest>(switch_on: impl Fn
 
 /// Turned by hand at the speed of the fastest movement and at ten times that, forwards and back, both motors count
 /// every edge.
-pub fn every_edge_counts_up_to_ten_times_the_fastest_movement<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn every_edge_counts_up_to_ten_times_the_fastest_movement<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     let mut expected = client.status().expect("a status").position_counts;
     for joint in 0..2 {
@@ -62,8 +62,8 @@ pub fn every_edge_counts_up_to_ten_times_the_fastest_movement<B: BoardUnderTest>
 }
 
 /// A motor that goes to and fro about one edge, in each of the four places an edge can have, ends where it was.
-pub fn a_motor_that_trembles_about_an_edge_loses_no_count<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn a_motor_that_trembles_about_an_edge_loses_no_count<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     let start = client.status().expect("a status").position_counts;
     for place in 0..4 {

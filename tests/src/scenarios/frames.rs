@@ -8,7 +8,7 @@ use shared::protocol::{
     Status, encode_host_message,
 };
 
-use super::{BoardUnderTest, loaded};
+use super::{BoardUnderTest, Setup, loaded};
 
 /// Long enough for the longest frame there, its answer back, and a loop period in between.
 const ANSWER_WITHIN: Duration = Duration::from_millis(10);
@@ -82,8 +82,8 @@ fn lasting(status: Status) -> Status {
 }
 
 /// Whatever is wrong with a frame, it is thrown away, counted, and not answered; the next one is understood.
-pub fn damaged_frames_change_nothing_and_are_counted<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn damaged_frames_change_nothing_and_are_counted<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     drop(loaded(&board));
     let mut link = RawLink::new(&board);
     let bad_frames = |link: &mut RawLink, sequence| link.hello(sequence).links[B::LINK as usize].bad_frames;
@@ -134,8 +134,8 @@ pub fn damaged_frames_change_nothing_and_are_counted<B: BoardUnderTest>(switch_o
 }
 
 /// A request that comes again is answered again; one that comes late is refused; neither does anything.
-pub fn old_frames_are_not_carried_out_again<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn old_frames_are_not_carried_out_again<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     board.run(Duration::from_millis(20));
     let mut link = RawLink::new(&board);
     assert_eq!(link.ask(5, Request::Status), Reply::Refused(Refusal::NotGreeted));
@@ -171,8 +171,8 @@ pub fn old_frames_are_not_carried_out_again<B: BoardUnderTest>(switch_on: impl F
 }
 
 /// A board and a host of different versions understand that much of each other, and no more.
-pub fn frames_of_another_version_are_answered_and_do_nothing<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn frames_of_another_version_are_answered_and_do_nothing<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     drop(loaded(&board));
     let mut link = RawLink::new(&board);
     let bad = link.hello(10).links[B::LINK as usize].bad_frames;

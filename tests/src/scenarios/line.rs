@@ -5,7 +5,7 @@ use std::time::Duration;
 use armid::client::{Client, Movement, MovementProgress};
 use shared::protocol::{ControlLaw, EndedBy, Fault, Mode, Request};
 
-use super::{BoardUnderTest, check_complete, check_whole, loaded, paper_movement, plan, ready, run_undisturbed};
+use super::{BoardUnderTest, Setup, check_complete, check_whole, loaded, paper_movement, plan, ready, run_undisturbed};
 use crate::line::Trouble;
 
 /// Row at which trouble begins: the arm is moving fast then.
@@ -15,20 +15,20 @@ const TROUBLE_AT_ROW: u32 = 300;
 const FOR_EVER: Duration = Duration::from_secs(3600);
 
 /// Runs what is loaded; in the middle of it trouble begins.
-fn run_disturbed<B: BoardUnderTest>(board: &B, client: &mut Client, trouble: Trouble, duration: Duration) -> Movement {
+fn run_disturbed<B: BoardUnderTest>(board: &B, client: &mut Client, disturb: impl Fn(&B)) -> Movement {
     let mut begun = false;
     client
         .run(&plan(ControlLaw::Position), &mut |progress| {
             if matches!(progress, MovementProgress::Running { rows: TROUBLE_AT_ROW.., .. }) && !begun {
                 begun = true;
-                board.disturb_line(trouble, duration);
+                disturb(board);
             }
         })
         .expect("a movement")
 }
 
-fn undisturbed<B: BoardUnderTest>(switch_on: &impl Fn() -> B) -> Movement {
-    let board = switch_on();
+fn undisturbed<B: BoardUnderTest>(switch_on: &impl Fn(Setup) -> B) -> Movement {
+    let board = switch_on(Setup::default());
     let movement = run_undisturbed(&mut loaded(&board));
     check_whole(&movement);
     board.finish();
@@ -37,10 +37,11 @@ fn undisturbed<B: BoardUnderTest>(switch_on: &impl Fn() -> B) -> Movement {
 
 /// Pulled out for 400 ms in the middle of a movement, the line loses rows; the board has them all, and its recording is
 /// to the bit that of a run with a sound line.
-pub fn a_cut_line_loses_no_row_and_leaves_control_alone<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn a_cut_line_loses_no_row_and_leaves_control_alone<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = loaded(&board);
-    let movement = run_disturbed(&board, &mut client, Trouble::Cut, Duration::from_millis(400));
+    let cut = |board: &B| board.disturb_line(Trouble::Cut, Duration::from_millis(400));
+    let movement = run_disturbed(&board, &mut client, cut);
     check_complete(&movement);
     // 571 rows in 400 ms; what the host had under way when the line was pulled is lost with them.
     assert!((560..=640).contains(&movement.reread_rows), "{} rows re-read", movement.reread_rows);
@@ -54,11 +55,11 @@ pub fn a_cut_line_loses_no_row_and_leaves_control_alone<B: BoardUnderTest>(switc
 
 /// Noise on every thousandth byte in both directions damages frames; each damaged frame is noticed, and nothing is
 /// missing or wrong in the end.
-pub fn a_noisy_line_loses_no_row_and_leaves_control_alone<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn a_noisy_line_loses_no_row_and_leaves_control_alone<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = loaded(&board);
-    let noise = Trouble::Noise { per_million: 1_000 };
-    let movement = run_disturbed(&board, &mut client, noise, FOR_EVER);
+    let noise = |board: &B| board.disturb_line(Trouble::Noise { per_million: 1_000 }, FOR_EVER);
+    let movement = run_disturbed(&board, &mut client, noise);
     check_complete(&movement);
     assert!(movement.reread_rows > 10, "{} rows re-read", movement.reread_rows);
     assert!(client.frames().bad() > 10 && client.repeats() > 0);
@@ -80,10 +81,40 @@ pub fn a_noisy_line_loses_no_row_and_leaves_control_alone<B: BoardUnderTest>(swi
     assert!(to_board.lost + to_board.damaged > 0 && from_board.lost > 0 && from_board.damaged > 0);
 }
 
+/// On a line that damages one byte in two hundred most long frames are lost; the recording is read all the same.
+pub fn a_very_noisy_line_only_slows_down_the_reading<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
+    let mut client = loaded(&board);
+    let movement = run_undisturbed(&mut client);
+    board.disturb_line(Trouble::Noise { per_million: 5_000 }, FOR_EVER);
+    let info = movement.recording.expect("what the board says");
+    let from = board.now();
+    let rows = client.read_recording(&info, &mut |_| {}).expect("every row");
+    println!("{} repeats, {:.1} s", client.repeats(), (board.now() - from).as_secs_f64());
+    assert!(client.repeats() > 100, "{} repeats", client.repeats());
+    assert!(rows == movement.samples, "rows differ");
+    board.finish();
+}
+
+/// A program that does not read for 400 ms loses what neither the board nor the system has room for; it is in the
+/// recording.
+pub fn a_reader_that_stalls_loses_no_row_and_leaves_control_alone<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
+    let mut client = loaded(&board);
+    let stall = |board: &B| board.stall_reader(Duration::from_millis(400));
+    let movement = run_disturbed(&board, &mut client, stall);
+    check_complete(&movement);
+    println!("{} rows re-read", movement.reread_rows);
+    // 571 rows in 400 ms, of which there is room for 100 to 300.
+    assert!((250..=500).contains(&movement.reread_rows), "{} rows re-read", movement.reread_rows);
+    assert!(movement.samples == undisturbed(&switch_on).samples, "control was disturbed");
+    board.finish();
+}
+
 /// A host that never comes back ends the movement with a fault of that name; what was recorded until then can be read
 /// when it does.
-pub fn a_line_that_stays_cut_ends_the_movement<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn a_line_that_stays_cut_ends_the_movement<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     // Longer than the host may be silent.
     client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");

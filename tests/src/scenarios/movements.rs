@@ -6,16 +6,16 @@ use armid::client::MovementProgress;
 use shared::protocol::{ControlLaw, Fault, Mode, Request};
 
 use super::{
-    BoardUnderTest, check_whole, largest_errors_counts, loaded, nod, paper_movement, plan, ready, run_undisturbed,
-    true_model, within_one_count_percent,
+    BoardUnderTest, Setup, check_whole, largest_errors_counts, loaded, nod, paper_movement, plan, ready,
+    run_undisturbed, true_model, within_one_count_percent,
 };
 
 /// From a request on, everything is off within a loop period, a run of the control interrupt, and some slack.
 const OFF_WITHIN_NS: u64 = 750_000;
 
 /// The stream brings every row, as it stands in the board's memory.
-pub fn a_movement_is_recorded_whole<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn a_movement_is_recorded_whole<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = loaded(&board);
     let movement = run_undisturbed(&mut client);
     check_whole(&movement);
@@ -27,9 +27,9 @@ pub fn a_movement_is_recorded_whole<B: BoardUnderTest>(switch_on: impl Fn() -> B
 }
 
 /// The same run twice gives the same recording and the same outputs at the same instants.
-pub fn two_runs_are_the_same_to_the_bit<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
+pub fn two_runs_are_the_same_to_the_bit<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
     let once = || {
-        let board = switch_on();
+        let board = switch_on(Setup::default());
         let mut client = loaded(&board);
         let movement = run_undisturbed(&mut client);
         (movement, board.finish())
@@ -41,8 +41,8 @@ pub fn two_runs_are_the_same_to_the_bit<B: BoardUnderTest>(switch_on: impl Fn() 
 }
 
 /// With the hidden robot's own parameters, computed torque follows the paper's movement to the count.
-pub fn computed_torque_with_the_true_model_stays_within_one_count<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn computed_torque_with_the_true_model_stays_within_one_count<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = ready(&board);
     let model = true_model();
     assert_eq!(client.upload(&model).expect("an accepted model").active, model);
@@ -56,8 +56,8 @@ pub fn computed_torque_with_the_true_model_stays_within_one_count<B: BoardUnderT
 }
 
 /// Pressed in the middle of a movement, it takes everything off in the next tick, and leaves it off when released.
-pub fn the_emergency_stop_switches_off_in_the_next_tick<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn the_emergency_stop_switches_off_in_the_next_tick<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = loaded(&board);
     let mut pressed_ns = None;
     let movement = client

@@ -5,12 +5,12 @@ use std::time::Duration;
 use shared::board::MID_SCALE;
 use shared::protocol::{ControlLaw, Mode, PROTOCOL_VERSION, Refusal, Request};
 
-use super::{BoardUnderTest, greeted, loaded};
+use super::{BoardUnderTest, Setup, greeted, loaded};
 use armid::client::ClientError;
 
 /// The board answers soon after the start, says who it is, and has everything off.
-pub fn the_board_starts_with_everything_off<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn the_board_starts_with_everything_off<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = greeted(&board);
     let info = client.info().clone();
     assert_eq!(info.protocol_version, PROTOCOL_VERSION);
@@ -30,8 +30,8 @@ pub fn the_board_starts_with_everything_off<B: BoardUnderTest>(switch_on: impl F
 }
 
 /// With everything loaded, but not armed, a run is refused, and nothing is ever switched on.
-pub fn nothing_moves_before_the_board_is_armed<B: BoardUnderTest>(switch_on: impl Fn() -> B) {
-    let board = switch_on();
+pub fn nothing_moves_before_the_board_is_armed<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(Setup::default());
     let mut client = loaded(&board);
     let before = client.status().expect("a status");
     let run = Request::Run { law: ControlLaw::Position, stream: true, settle_ns: 0 };

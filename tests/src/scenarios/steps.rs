@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use armid::board_setup::{board_model, configuration};
 use armid::client::{Client, Movement, MovementPlan, Pose};
+use armid::robot::Robot;
 use shared::protocol::{ControlLaw, Model};
 use shared::trajectory::{Points, Trajectory};
 
@@ -25,10 +26,15 @@ pub fn greeted(board: &impl BoardUnderTest) -> Client {
 /// A client of a board that has its robot constants and knows its pose.
 pub fn ready(board: &impl BoardUnderTest) -> Client {
     let mut client = greeted(board);
+    prepared(&mut client, &robot());
     client
-        .prepare(&configuration(&robot()).expect("a safe robot"), Pose::DefaultsTo([0.0; 2]), false)
+}
+
+/// Gives a board its robot constants and its pose.
+pub fn prepared(client: &mut Client, robot: &Robot) {
+    client
+        .prepare(&configuration(robot).expect("a safe robot"), Pose::DefaultsTo([0.0; 2]), false)
         .expect("a board that accepts its robot");
-    client
 }
 
 /// The same with a small, quick movement loaded.
@@ -61,7 +67,12 @@ pub fn nod() -> Trajectory {
 
 /// The hidden robot as a model for the board.
 pub fn true_model() -> Model {
-    board_model(&robot(), &hidden().to_model(toml::Table::new())).expect("a model for the board")
+    true_model_for(&robot())
+}
+
+/// The same for a board with the constants of `robot`.
+pub fn true_model_for(robot: &Robot) -> Model {
+    board_model(robot, &hidden().to_model(toml::Table::new())).expect("a model for the board")
 }
 
 /// Largest absolute errors of both joints, in counts.

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use armid::client::{Client, Pose};
 use armid::hidden_robot::HiddenRobot;
 use armid::identify::{
-    Experiment, FrictionMode, Method, Options, Parameter, SEARCH_LANES, Values, identify, instructions,
+    Experiment, FrictionMode, Method, Options, Parameter, SEARCH_LANES, Sought, Values, identify, instructions,
 };
 use armid::link::SimulatedBoard;
 use armid::recording::{Mode, Recording};
@@ -82,7 +82,8 @@ impl Identify {
         let mut paper_s = f64::INFINITY;
         let mut generations = 0;
         for seed in self.seed..self.seed + PAPER_RUNS {
-            let options = Options { method: Method::Paper, friction: FrictionMode::Known, seed };
+            let sought = Sought { friction: FrictionMode::Known, ..Sought::default() };
+            let options = Options { method: Method::Paper, sought, seed, ..Options::default() };
             let found = identify(&robot, recordings, &[], &options, &|_| ())?;
             paper_s = paper_s.min(found.seconds);
             generations = found.generations.len() - 1;

@@ -6,7 +6,7 @@
 
 use armid::client::{Client, Pose};
 use armid::hidden_robot::HiddenRobot;
-use armid::identify::{FrictionMode, Identification, Method, Options, Parameter, identify};
+use armid::identify::{FrictionMode, Identification, Method, Options, Parameter, Sought, identify};
 use armid::link::SimulatedBoard;
 use armid::recording::{Mode, Recording};
 use armid::robot::{Law, Robot};
@@ -66,8 +66,9 @@ impl Paper {
         let recording = self.recording(&robot, &truth)?;
         let mut of_paper = Vec::new();
         let mut of_full = Vec::new();
+        let sought = Sought { friction: FrictionMode::Known, ..Sought::default() };
         for seed in self.seed..self.seed + self.runs {
-            let options = Options { method: Method::Paper, friction: FrictionMode::Known, seed };
+            let options = Options { method: Method::Paper, sought, seed, ..Options::default() };
             let found = identify(&known, std::slice::from_ref(&recording), &[], &options, &|_| ())?;
             of_paper.push(Judged { found, truth: truth.clone() });
             bar.inc(1);

@@ -1,57 +1,20 @@
-//! The real firmware image at every loop period, and every request it may be asked while the amplifiers are on: no
+//! The real firmware image with every request it may be asked while the amplifiers are on, at every loop period: no
 //! control interrupt may be too long. `tests/run emulated` builds the image and runs these.
 
 use std::time::Duration;
 
-use armid::board_setup::{board_model, configuration};
-use armid::client::{Client, MovementPlan, Pose};
-use armid::hidden_robot::HiddenRobot;
-use armid::robot::Robot;
+use armid::client::Client;
 use armid_tests::emulated_board::control_time::{COMPUTED_TORQUE_LIMIT_US, ControlTime, POSITION_LIMIT_US};
-use armid_tests::emulated_board::{EmulatedBoard, FIRMWARE_VARIABLE, firmware_from_environment};
+use armid_tests::scenarios::{
+    BoardUnderTest, Setup, greeted, prepared, robot_with_period, switched_on, true_model_for,
+};
 use shared::protocol::{
     ControlLaw, LOOP_PERIODS_NS, Mode, Model, ModelSlot, POINTS_PER_FRAME, Request, TrajectoryPart,
 };
-use shared::trajectory::{Fourier, Harmonic, MAX_HARMONICS, Paper, Points, Trajectory};
-
-const SEED: u64 = 5;
-
-/// Rows of the short movement: 0.9 s, one every 0.7 ms.
-const NOD_ROWS: u32 = 1285;
+use shared::trajectory::{Fourier, Harmonic, MAX_HARMONICS, Paper, Trajectory};
 
 /// Rows of the movement that takes longest to compute: 1 s.
 const SERIES_ROWS: u32 = 1428;
-
-/// The paper's robot with another loop period.
-fn robot(loop_period_ns: u32) -> Robot {
-    Robot { loop_period_s: f64::from(loop_period_ns) * 1e-9, ..Robot::paper() }
-}
-
-fn model(robot: &Robot) -> Model {
-    let hidden = HiddenRobot::draw(&Robot::paper(), SEED);
-    board_model(robot, &hidden.to_model(toml::Table::new())).expect("a model for the board")
-}
-
-/// A board with its robot's constants and model, and a client; nothing where there is no image.
-fn ready(robot: &Robot) -> Option<(EmulatedBoard, Client)> {
-    let Some(firmware) = firmware_from_environment() else {
-        println!("SKIPPED: {FIRMWARE_VARIABLE} names no image; run `tests/run emulated`, which builds one");
-        return None;
-    };
-    let hidden = HiddenRobot::draw(&Robot::paper(), SEED);
-    let board = EmulatedBoard::start(&firmware, robot, &hidden).expect("an image that runs");
-    let mut client = Client::connect_from(Box::new(board.link()), 1).expect("a board that answers");
-    client
-        .prepare(&configuration(robot).expect("a safe robot"), Pose::DefaultsTo([0.0; 2]), false)
-        .expect("a board that accepts its robot");
-    client.upload(&model(robot)).expect("an accepted model");
-    Some((board, client))
-}
-
-fn nod() -> Trajectory {
-    let points = [[0.0, 0.0], [-0.1, 0.15], [-0.15, 0.1], [0.0, 0.0]];
-    Trajectory::Points(Points::new(300_000_000, &points).expect("a movement through points"))
-}
 
 /// The movement that takes longest to compute: 1 s, half of it fading in and out.
 fn longest_series() -> Fourier {
@@ -62,45 +25,6 @@ fn longest_series() -> Fourier {
         fade_ns: 250_000_000,
         centre_rad: [-0.1, 0.1],
         harmonics: heapless::Vec::from_slice(&[harmonic; MAX_HARMONICS]).expect("as many as there may be"),
-    }
-}
-
-/// Runs a movement under `law` and checks that it is whole and that no control interrupt was longer than `limit_us`.
-fn runs_in_time(loop_period_ns: u32, law: ControlLaw, limit_us: f64) {
-    let Some((board, mut client)) = ready(&robot(loop_period_ns)) else { return };
-    client.load_trajectory(&nod()).expect("an accepted movement");
-    let plan = MovementPlan { law, settle_ns: 50_000_000 };
-    let movement = client.run(&plan, &mut |_| {}).expect("a movement");
-    let timing = client.hello().expect("an answer").timing;
-    let observations = board.finish().expect("a run without error");
-    observations.check_always();
-
-    let time = ControlTime::while_powered(&observations).expect("switched on and off again");
-    println!("{:3} µs {law:?}: {time}", loop_period_ns / 1000);
-    assert_eq!(movement.partial, None);
-    assert_eq!((movement.planned_rows, movement.samples.len() as u32), (NOD_ROWS, NOD_ROWS));
-    assert_eq!((movement.streamed_rows, movement.differing_rows), (NOD_ROWS, 0));
-    assert_eq!(timing.missed_deadlines, 0);
-    assert!(time.longest().duration_us() <= limit_us, "{time}");
-    // The overflows are a period apart, exactly.
-    let ticks = &observations.ticks;
-    for pair in ticks[ticks.len() / 2..].windows(2) {
-        let apart_ns = pair[1].overflow_ns() - pair[0].overflow_ns();
-        assert!((apart_ns - f64::from(loop_period_ns)).abs() < 30.0, "{apart_ns} ns apart at {} ns", pair[0].start_ns);
-    }
-}
-
-#[test]
-fn the_position_loop_runs_in_time_at_every_period() {
-    for loop_period_ns in LOOP_PERIODS_NS {
-        runs_in_time(loop_period_ns, ControlLaw::Position, POSITION_LIMIT_US);
-    }
-}
-
-#[test]
-fn computed_torque_runs_in_time_at_every_period() {
-    for loop_period_ns in LOOP_PERIODS_NS {
-        runs_in_time(loop_period_ns, ControlLaw::ComputedTorque, COMPUTED_TORQUE_LIMIT_US);
     }
 }
 
@@ -141,8 +65,13 @@ fn requests_at_rest(model: &Model) -> Vec<(&'static str, Request)> {
 /// Sends every request while the board is at rest with the amplifiers on, and prints and checks the longest control
 /// interrupt of each.
 fn every_request_in_time(loop_period_ns: u32, law: ControlLaw, limit_us: f64) {
-    let robot = robot(loop_period_ns);
-    let Some((board, mut client)) = ready(&robot) else { return };
+    let Some(switch_on) = switched_on() else { return };
+    let robot = robot_with_period(loop_period_ns);
+    let model = true_model_for(&robot);
+    let board = switch_on(Setup { robot: robot.clone(), ..Setup::default() });
+    let mut client = greeted(&board);
+    prepared(&mut client, &robot);
+    client.upload(&model).expect("an accepted model");
     let now_ns = |client: &Client| client.now().as_nanos() as u64;
     let movement = Trajectory::Fourier(longest_series());
     client.load_trajectory(&movement).expect("an accepted movement");
@@ -162,7 +91,7 @@ fn every_request_in_time(loop_period_ns: u32, law: ControlLaw, limit_us: f64) {
     }
     // That may have been taken in just now.
     client.load_trajectory(&movement).expect("an accepted movement");
-    for (name, request) in requests_at_rest(&model(&robot)) {
+    for (name, request) in requests_at_rest(&model) {
         let from_ns = now_ns(&client);
         // Refused or not is not the question here.
         let _ = client.request(request);
@@ -186,8 +115,7 @@ fn every_request_in_time(loop_period_ns: u32, law: ControlLaw, limit_us: f64) {
     let from_ns = now_ns(&client);
     client.command(Request::Disarm).expect("disarmed");
     asked.push(("disarm", from_ns, now_ns(&client)));
-    let observations = board.finish().expect("a run without error");
-    observations.check_always();
+    let observations = BoardUnderTest::finish(board);
 
     let mut longest: Vec<(&str, ControlTime)> = Vec::new();
     for (name, from_ns, to_ns) in asked {

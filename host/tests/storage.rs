@@ -1,16 +1,22 @@
 //! Parameters in flash: the old or the new, whenever power fails.
 
-mod flash;
-#[path = "../protocol/samples.rs"]
+#[path = "../../shared/tests/protocol/samples.rs"]
 #[expect(dead_code, reason = "only the configuration and the model of it are used")]
 mod samples;
 
-use flash::{FailingFlash, POWER_CUT, SLOTS, complete};
+use armid::link::{MemoryFlash, POWER_CUT, complete};
 use proptest::prelude::*;
+use rand_pcg::Pcg32;
+use rand_pcg::rand_core::SeedableRng as _;
 use shared::protocol::StoreFailure;
 use shared::storage::{
     FORMAT_VERSION, Flash as _, Found, Log, MAX_PAYLOAD_BYTES, Parameters, RECORD, SLOT_WORDS, Sector,
 };
+
+/// Three records in a sector: stores soon change sectors.
+const SLOTS: usize = 4;
+
+type SmallFlash = MemoryFlash<SLOTS>;
 
 /// Different parameters for every number; every fifth is "none any more".
 fn parameters(number: usize) -> Option<Parameters> {
@@ -24,8 +30,14 @@ fn parameters(number: usize) -> Option<Parameters> {
     Some(Parameters { configuration, model: (!number.is_multiple_of(3)).then_some(model) })
 }
 
-fn store(flash: &mut FailingFlash, log: &mut Log, number: usize) -> Result<(), StoreFailure> {
-    complete(log.store(flash, parameters(number).as_ref()))
+fn store(flash: &mut SmallFlash, log: &mut Log, number: usize) -> Result<(), StoreFailure> {
+    let stored = complete(log.store(flash, parameters(number).as_ref())).expect("no waiting");
+    assert_eq!(flash.history().misuses, 0, "asked for a 1 where there is a 0, or went on without power");
+    stored
+}
+
+fn erasures(flash: &SmallFlash) -> usize {
+    flash.history().erased.iter().sum()
 }
 
 /// What reads back must be one of `allowed`, as numbers of [`parameters`]; `None` stands for an empty memory.
@@ -39,7 +51,7 @@ fn check(found: &Found, allowed: &[Option<usize>], context: &str) {
 
 #[test]
 fn what_was_stored_comes_back_and_the_newest_counts() {
-    let mut flash = FailingFlash::new(1);
+    let mut flash = SmallFlash::blank(1);
     let (mut log, found) = Log::open(&flash);
     assert_eq!(found, Found { parameters: Ok(None), sealed: true, damaged_records: 0 });
     for number in 0..40 {
@@ -55,17 +67,23 @@ fn what_was_stored_comes_back_and_the_newest_counts() {
 
 #[test]
 fn a_sector_is_erased_once_in_as_many_stores_as_it_has_room_for() {
-    let mut flash = FailingFlash::new(1);
+    let mut flash = SmallFlash::blank(1);
     let (mut log, _) = Log::open(&flash);
     for number in 0..300 {
         store(&mut flash, &mut log, number).unwrap();
     }
-    assert_eq!(flash.erasures, 300 / (SLOTS - 1));
+    assert_eq!(erasures(&flash), 300 / (SLOTS - 1));
 }
 
 #[test]
 fn rubbish_left_by_something_else_is_no_record_and_is_erased() {
-    let mut flash = FailingFlash::with_rubbish(3);
+    let mut flash = SmallFlash::blank(3);
+    let mut random = Pcg32::seed_from_u64(3);
+    for sector in Sector::BOTH {
+        for index in 0..SLOTS * SLOT_WORDS {
+            complete(flash.program(sector, index, random.next_u32())).expect("no waiting").unwrap();
+        }
+    }
     let (mut log, found) = Log::open(&flash);
     assert_eq!(found.parameters, Err(StoreFailure::Damaged));
     store(&mut flash, &mut log, 1).unwrap();
@@ -78,15 +96,15 @@ fn rubbish_left_by_something_else_is_no_record_and_is_erased() {
 #[test]
 fn a_cut_at_any_operation_leaves_the_old_or_the_new() {
     const STORES: usize = 10;
-    let mut whole = FailingFlash::new(0);
+    let mut whole = SmallFlash::blank(0);
     let (mut log, _) = Log::open(&whole);
     (0..STORES).for_each(|number| store(&mut whole, &mut log, number).unwrap());
-    let operations = whole.operations;
-    assert!(operations > 1000 && whole.erasures >= 3, "{operations} operations, {} erasures", whole.erasures);
+    let operations = whole.history().operations();
+    assert!(operations > 1000 && erasures(&whole) >= 3, "{operations} operations, {} erasures", erasures(&whole));
     let mut seen = [0, 0];
     for cut_at in 0..operations {
-        let mut flash = FailingFlash::new(cut_at as u64 + 1);
-        flash.cut_at = Some(cut_at);
+        let mut flash = SmallFlash::blank(cut_at as u64 + 1);
+        flash.cut_power_after(cut_at);
         let (mut log, _) = Log::open(&flash);
         let mut number = 0;
         let failure = loop {
@@ -125,14 +143,14 @@ proptest! {
         cuts in proptest::collection::vec(0_usize..400, 1..25),
         calm in 0_usize..4,
     ) {
-        let mut flash = FailingFlash::new(seed);
+        let mut flash = SmallFlash::blank(seed);
         let mut allowed = vec![None];
         let mut number = 0;
         for cut in cuts {
             flash.switch_on();
             let (mut log, found) = Log::open(&flash);
             check(&found, &allowed, "after a cut");
-            flash.cut_after(cut + calm * 200);
+            flash.cut_power_after(cut + calm * 200);
             loop {
                 let result = store(&mut flash, &mut log, number);
                 if result.is_ok() {
@@ -156,7 +174,7 @@ proptest! {
     /// A bit that flips in the newest record: the one before comes back, and that is told.
     #[test]
     fn a_flipped_bit_brings_back_the_record_before(word in 0_usize..150, bit in 0_u32..32) {
-        let mut flash = FailingFlash::new(7);
+        let mut flash = SmallFlash::blank(7);
         let (mut log, _) = Log::open(&flash);
         store(&mut flash, &mut log, 1).unwrap();
         store(&mut flash, &mut log, 2).unwrap();
@@ -187,23 +205,23 @@ fn foreign_record(version: u16, sequence: u32, payload: &[u8]) -> Vec<u32> {
     words
 }
 
-fn place(flash: &mut FailingFlash, slot: usize, words: &[u32]) {
+fn place(flash: &mut SmallFlash, slot: usize, words: &[u32]) {
     for (index, &word) in words.iter().enumerate() {
-        complete(flash.program(Sector::Second, slot * SLOT_WORDS + index, word)).unwrap();
+        complete(flash.program(Sector::Second, slot * SLOT_WORDS + index, word)).expect("no waiting").unwrap();
     }
 }
 
 #[test]
 fn a_record_of_another_format_is_named_and_left_alone_until_something_is_stored() {
-    let mut flash = FailingFlash::new(7);
+    let mut flash = SmallFlash::blank(7);
     let (mut log, _) = Log::open(&flash);
     store(&mut flash, &mut log, 1).unwrap();
     place(&mut flash, 2, &foreign_record(FORMAT_VERSION + 1, 1, b"what the future brings"));
-    let before = flash.operations;
+    let before = flash.history().operations();
     let (mut log, found) = Log::open(&flash);
     let other = StoreFailure::OtherVersion { theirs: FORMAT_VERSION + 1, ours: FORMAT_VERSION };
     assert_eq!((found.parameters, found.damaged_records), (Err(other), 0), "not the older one either");
-    assert_eq!(flash.operations, before, "looking changes nothing");
+    assert_eq!(flash.history().operations(), before, "looking changes nothing");
     store(&mut flash, &mut log, 2).unwrap();
     let (_, found) = Log::open(&flash);
     assert_eq!(found.parameters, Ok(parameters(2)));
@@ -213,7 +231,7 @@ fn a_record_of_another_format_is_named_and_left_alone_until_something_is_stored(
 
 #[test]
 fn a_whole_record_that_makes_no_sense_is_refused() {
-    let mut flash = FailingFlash::new(7);
+    let mut flash = SmallFlash::blank(7);
     let (mut log, _) = Log::open(&flash);
     store(&mut flash, &mut log, 1).unwrap();
     place(&mut flash, 2, &foreign_record(FORMAT_VERSION, 1, &[9; 40]));
@@ -222,10 +240,10 @@ fn a_whole_record_that_makes_no_sense_is_refused() {
 
 #[test]
 fn a_record_has_room_for_the_parameters_and_its_layout_has_a_version() {
-    let mut flash = FailingFlash::new(7);
+    let mut flash = SmallFlash::blank(7);
     let (mut log, _) = Log::open(&flash);
     let stored = Parameters { configuration: samples::configuration(), model: Some(samples::model()) };
-    complete(log.store(&mut flash, Some(&stored))).unwrap();
+    complete(log.store(&mut flash, Some(&stored))).expect("no waiting").unwrap();
     let payload_bytes = flash.word(Sector::Second, SLOT_WORDS + 1) & 0xFFFF;
     assert!((payload_bytes as usize) < MAX_PAYLOAD_BYTES * 3 / 4, "{payload_bytes} bytes");
     // When this fails, records of boards in the field can no longer be read: raise FORMAT_VERSION, then renew the numbers.
@@ -239,11 +257,11 @@ fn a_record_has_room_for_the_parameters_and_its_layout_has_a_version() {
 #[test]
 fn what_a_cut_may_have_left_half_done_is_never_built_on() {
     const SEAL: usize = SLOT_WORDS - 1;
-    let mut flash = FailingFlash::new(7);
+    let mut flash = SmallFlash::blank(7);
     let (mut log, _) = Log::open(&flash);
     store(&mut flash, &mut log, 1).unwrap();
     let operations_of_a_store = 159;
-    flash.cut_after(operations_of_a_store - 1);
+    flash.cut_power_after(operations_of_a_store - 1);
     assert_eq!(store(&mut flash, &mut log, 2), Err(POWER_CUT), "cut at the seal");
     flash.switch_on();
     let (mut log, _) = Log::open(&flash);
@@ -252,13 +270,13 @@ fn what_a_cut_may_have_left_half_done_is_never_built_on() {
     assert_eq!(flash.word(Sector::Second, 3 * SLOT_WORDS), u32::MAX, "a slot that may have been touched is left free");
     assert_eq!(flash.word(Sector::First, SLOT_WORDS), RECORD);
 
-    let before = flash.erasures;
-    while flash.erasures == before {
-        flash.cut_at = None;
-        let mut trial = flash.clone();
-        trial.cut_after(2);
+    let before = erasures(&flash);
+    while erasures(&flash) == before {
+        flash.switch_on();
+        let mut trial = flash.duplicate();
+        trial.cut_power_after(2);
         let mut trial_log = log.clone();
-        if store(&mut trial, &mut trial_log, 6).is_err() && trial.erasures > before {
+        if store(&mut trial, &mut trial_log, 6).is_err() && erasures(&trial) > before {
             let mark = [0, 1].map(|index| trial.word(Sector::Second, index));
             assert_ne!(mark, shared::storage::PREPARED, "a sector half erased must not look prepared");
             return;

@@ -1,71 +1,42 @@
-//! Parameters in the flash memory of the emulated board, with the real firmware image: kept over restarts, old or new
-//! whenever power fails, and never written while the amplifiers are on.
-//!
-//! `tests/run emulated` builds the image and runs these. Without an image in the environment they pass without having
-//! shown anything, and say so.
+//! Parameters in the board's flash memory: kept over restarts, old or new whenever power fails, and never written while
+//! the amplifiers are on.
 
-use std::path::PathBuf;
 use std::time::Duration;
 
-use armid::board_setup::{board_model, configuration};
-use armid::client::{Client, ClientError, MovementPlan, Pose};
-use armid::hidden_robot::HiddenRobot;
+use armid::board_setup::configuration;
+use armid::client::{Client, ClientError};
 use armid::link::{MemoryFlash, complete};
-use armid::robot::Robot;
-use armid_tests::emulated_board::flash::{FlashOperation, PARAMETERS};
-use armid_tests::emulated_board::observations::Observations;
-use armid_tests::emulated_board::{EmulatedBoard, FIRMWARE_VARIABLE, PowerCut, firmware_from_environment};
 use rigless::device::ResetCause as Cause;
-use shared::protocol::{
-    ControlLaw, Model, Refusal, Reply, Request, ResetCause, StoreFailure, StoreState, StoredParameters,
-};
+use shared::protocol::{Model, Refusal, Reply, Request, ResetCause, StoreFailure, StoreState, StoredParameters};
 use shared::storage::{FORMAT_VERSION, Flash as _, Log, Parameters, RECORD, SLOT_WORDS, Sector};
-use shared::trajectory::{Points, Trajectory};
 
-const SEED: u64 = 5;
+use super::{BoardUnderTest, Setup, check_whole, greeted, loaded, ready, robot, run_undisturbed, true_model};
+use crate::emulated_board::PowerCut;
+use crate::emulated_board::flash::{FlashOperation, PARAMETERS};
+use crate::emulated_board::observations::Observations;
 
-/// Longer than a store without an erasure takes, from the request to the seal.
+/// Longer than a store without an erasure takes, from the request to the seal, and than a restart.
 const STORE: Duration = Duration::from_millis(40);
 /// With one.
 const ERASE_AND_STORE: Duration = Duration::from_millis(1_100);
 
-fn firmware() -> Option<PathBuf> {
-    let path = firmware_from_environment();
-    if path.is_none() {
-        println!("SKIPPED: {FIRMWARE_VARIABLE} names no image; run `tests/run emulated`, which builds one");
-    }
-    path
-}
-
-fn switched_on(flash: &MemoryFlash) -> Option<EmulatedBoard> {
-    let robot = Robot::paper();
-    let hidden = HiddenRobot::draw(&robot, SEED);
-    Some(EmulatedBoard::start_with(&firmware()?, &robot, &hidden, flash).expect("an image that runs"))
-}
+/// Records that a sector has room for, without the one left free at a start.
+const RECORDS: usize = 126;
 
 /// A host that comes anew, as it has to after every restart.
-fn connected(board: &EmulatedBoard) -> Client {
-    Client::connect_from(Box::new(board.link()), 1).expect("a board that answers")
-}
-
-fn configured(board: &EmulatedBoard) -> Client {
-    let mut client = connected(board);
-    let configuration = configuration(&Robot::paper()).expect("a safe robot");
-    client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false).expect("a board that accepts its robot");
-    client
+fn connected(board: &impl BoardUnderTest) -> Client {
+    Client::connect_from(board.link(), 1).expect("a board that answers")
 }
 
 /// Different models for every number.
 fn model(number: usize) -> Model {
-    let robot = Robot::paper();
-    let mut model = board_model(&robot, &HiddenRobot::draw(&robot, SEED).to_model(toml::Table::new()))
-        .expect("a model for the board");
+    let mut model = true_model();
     model.viscous_friction_nm_s_per_rad[0] += 1.0e-6 * number as f64;
     model
 }
 
 fn parameters(number: usize) -> Parameters {
-    Parameters { configuration: configuration(&Robot::paper()).expect("a safe robot"), model: Some(model(number)) }
+    Parameters { configuration: configuration(&robot()).expect("a safe robot"), model: Some(model(number)) }
 }
 
 /// A memory that holds the parameters of every number below this.
@@ -76,6 +47,10 @@ fn filled(numbers: usize) -> MemoryFlash {
         complete(log.store(&mut flash, Some(&parameters(number)))).expect("no waiting").expect("a sound memory");
     }
     flash
+}
+
+fn with(flash: MemoryFlash) -> Setup {
+    Setup { flash, ..Setup::default() }
 }
 
 /// Sends a model and waits for nothing but the answers.
@@ -114,14 +89,16 @@ fn erasures(observations: &Observations) -> usize {
     observations.flash_uses.iter().filter(|used| matches!(used.operation, FlashOperation::Erase { .. })).count()
 }
 
-#[test]
-fn parameters_survive_a_power_cycle_and_a_blank_memory_is_prepared_for_them() {
+/// A model survives a power cut, and what is forgotten stays forgotten; a memory that is not prepared is.
+pub fn parameters_survive_a_power_cycle_and_a_blank_memory_is_prepared_for_them<B: BoardUnderTest>(
+    switch_on: impl Fn(Setup) -> B,
+) {
     let mut blank = MemoryFlash::default();
     for sector in Sector::BOTH {
         complete(blank.erase(sector)).expect("no waiting").expect("a sound memory");
     }
-    let Some(board) = switched_on(&blank) else { return };
-    let mut client = configured(&board);
+    let board = switch_on(with(blank));
+    let mut client = ready(&board);
     assert_eq!(refusal_to_arm(&mut client), Some(Refusal::Storing));
     client.wait_until_stored().expect("an answer");
     let from = board.now();
@@ -147,17 +124,16 @@ fn parameters_survive_a_power_cycle_and_a_blank_memory_is_prepared_for_them() {
     let status = connected(&board).status().expect("a status");
     assert_eq!((status.stored, status.configuration_crc), (StoredParameters::NONE, None));
 
-    let observations = board.finish().expect("a run without error");
-    observations.check_always();
+    let observations = board.finish();
     assert_eq!(erasures(&observations), 1);
     assert_eq!(observations.restarts.iter().map(|restart| restart.cause).collect::<Vec<_>>(), [Cause::PowerOn; 2]);
 }
 
 /// Power fails in the middle of an operation of a store that needs no erasure. A few points only: every start of the
 /// emulator costs more than a second, and the log is tried at every point in its own tests.
-#[test]
-fn power_cut_during_a_store_leaves_the_old_or_the_new_model() {
-    let Some(board) = switched_on(&filled(1)) else { return };
+pub fn power_cut_during_a_store_leaves_the_old_or_the_new_model<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(with(filled(1)));
+    drop(greeted(&board));
     // 4 words of header, 153 of payload, the CRC and the seal.
     const OPERATIONS: u64 = 159;
     let points = [0, 3, 80, OPERATIONS - 3, OPERATIONS - 2, OPERATIONS - 1];
@@ -186,23 +162,20 @@ fn power_cut_during_a_store_leaves_the_old_or_the_new_model() {
             activate(&mut client, &model(old));
         }
     }
-    let observations = board.finish().expect("a run without error");
-    observations.check_always();
+    let observations = board.finish();
     println!("{} power cuts, {kept_new} with the new model", observations.restarts.len());
     assert_eq!((observations.restarts.len(), kept_new), (points.len(), 1), "{:?}", observations.restarts);
     assert!(observations.restarts.iter().all(|restart| restart.cause == Cause::PowerOn));
 }
 
 /// One sector is full, so the other is erased first: around and in the middle of that.
-#[test]
-fn power_cut_during_a_sector_change_leaves_the_old_or_the_new_model() {
-    // 128 slots, without the mark and without the one left free at a start.
-    const RECORDS: usize = 126;
-    let full = filled(RECORDS);
+pub fn power_cut_during_a_sector_change_leaves_the_old_or_the_new_model<B: BoardUnderTest>(
+    switch_on: impl Fn(Setup) -> B,
+) {
     // Two words of the mark away, the erasure, two words of the mark back, then the record.
     for point in [2, 4] {
-        let Some(board) = switched_on(&full) else { return };
-        let mut client = connected(&board);
+        let board = switch_on(with(filled(RECORDS)));
+        let mut client = greeted(&board);
         assert_eq!(client.status().expect("a status").stored, stored(RECORDS - 1));
         board.cut_power(PowerCut::AfterFlashOperations(point));
         let _ = begin_to_activate(&mut client, &model(RECORDS));
@@ -215,8 +188,7 @@ fn power_cut_during_a_sector_change_leaves_the_old_or_the_new_model() {
         board.cut_power(PowerCut::Now);
         board.run(STORE);
         assert_eq!(connected(&board).status().expect("a status").stored, stored(RECORDS), "cut at {point}");
-        let observations = board.finish().expect("a run without error");
-        observations.check_always();
+        let observations = board.finish();
         assert_eq!(observations.restarts.len(), 2);
         let second = PARAMETERS.start + (PARAMETERS.end - PARAMETERS.start) / 2;
         for used in &observations.flash_uses {
@@ -227,14 +199,9 @@ fn power_cut_during_a_sector_change_leaves_the_old_or_the_new_model() {
 }
 
 /// Nothing is armed during a store; while armed nothing is stored; the control interrupt goes on during an erasure.
-#[test]
-fn storing_and_moving_exclude_each_other() {
-    const RECORDS: usize = 126;
-    let Some(board) = switched_on(&filled(RECORDS)) else { return };
-    let mut client = configured(&board);
-    let points = [[0.0, 0.0], [-0.1, 0.15], [0.0, 0.0]];
-    let nod = Trajectory::Points(Points::new(300_000_000, &points).expect("a movement through points"));
-    client.load_trajectory(&nod).expect("an accepted movement");
+pub fn storing_and_moving_exclude_each_other<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let board = switch_on(with(filled(RECORDS)));
+    let mut client = loaded(&board);
     let erase_from = board.now();
     activate(&mut client, &model(RECORDS));
     let mut refused = 0;
@@ -253,12 +220,9 @@ fn storing_and_moving_exclude_each_other() {
     assert_eq!(client.status().expect("a status").stored.state, StoreState::Pending);
     client.command(Request::Disarm).expect("always possible");
     assert_eq!(client.wait_until_stored().expect("an answer"), stored(RECORDS + 1));
-    let plan = MovementPlan { law: ControlLaw::Position, settle_ns: 0 };
-    let movement = client.run(&plan, &mut |_| {}).expect("a movement");
-    assert_eq!((movement.partial, movement.samples.len() as u32), (None, movement.planned_rows));
+    check_whole(&run_undisturbed(&mut client));
 
-    let observations = board.finish().expect("a run without error");
-    observations.check_always();
+    let observations = board.finish();
     assert!(observations.outputs.iter().any(|change| change.outputs.amplifiers_enabled));
     assert_eq!(erasures(&observations), 1);
     assert!(observations.restarts.is_empty(), "the watchdog was fed: {:?}", observations.restarts);
@@ -271,18 +235,18 @@ fn storing_and_moving_exclude_each_other() {
 }
 
 /// A memory that another firmware wrote to, or nobody who knows about records.
-#[test]
-fn what_cannot_be_used_is_named_and_left_alone() {
+pub fn stored_parameters_that_cannot_be_used_are_named_and_left_alone<B: BoardUnderTest>(
+    switch_on: impl Fn(Setup) -> B,
+) {
     let mut flash = filled(1);
     add_foreign_record(&mut flash);
-    let Some(board) = switched_on(&flash) else { return };
-    let status = connected(&board).status().expect("a status");
+    let board = switch_on(with(flash));
+    let status = greeted(&board).status().expect("a status");
     let StoreState::Failed(StoreFailure::OtherVersion { theirs, ours }) = status.stored.state else {
         panic!("{status:?}")
     };
     assert_eq!((theirs, status.configuration_crc), (ours + 1, None));
-    let observations = board.finish().expect("a run without error");
-    observations.check_always();
+    let observations = board.finish();
     assert_eq!(observations.flash_uses, []);
 }
 

@@ -1,67 +1,12 @@
-//! The whole chain over the wire to the real image: record, identify, upload, track. And what the image recorded beside
-//! what the simulated board records of the same arm.
+//! What the real image records beside what the simulated board records of the same arm.
 
-use std::path::PathBuf;
-
-use armid::board_setup::board_model;
-use armid::capture::{self, Circumstances};
-use armid::client::{Client, Movement};
-use armid::identified_model;
-use armid::identify::{Options, identify};
-use armid::recording::{Mode, Recording};
+use armid::client::Movement;
 use armid::robot::Robot;
 use armid_tests::emulated_board::observations::Observations;
-use armid_tests::scenarios::{
-    BoardUnderTest, NativeBoard, check_whole, hidden, largest_errors_counts, paper_movement, plan, ready, robot,
-    run_undisturbed, switched_on, within_one_count_percent,
-};
-use shared::protocol::ControlLaw;
+use armid_tests::scenarios::{BoardUnderTest, NativeBoard, Setup, hidden, ready, record, robot, switched_on};
 
-/// Periods of the movements to identify from, in s: one alone leaves a combination of f7, f8 and f9 nearly free.
-const TRAINING_PERIODS_S: [f64; 2] = [3.65, 5.0];
-
-fn record(client: &mut Client, period_s: f64) -> Movement {
-    client.load_trajectory(&paper_movement(period_s)).expect("an accepted movement");
-    let movement = run_undisturbed(client);
-    check_whole(&movement);
-    movement
-}
-
-fn recording(client: &Client, movement: &Movement) -> Recording {
-    let robot = robot();
-    let circumstances =
-        Circumstances { robot: &robot, mode: Mode::P, trajectory: "paper".into(), board: client.info(), seed: None };
-    capture::recording(movement, &circumstances, PathBuf::from("emulated.csv"))
-}
-
-#[test]
-fn identified_over_the_wire_the_arm_is_tracked_to_the_count() {
-    let Some(switch_on) = switched_on() else { return };
-    let board = switch_on();
-    let mut client = ready(&board);
-    let training: Vec<Movement> = TRAINING_PERIODS_S.iter().map(|&period_s| record(&mut client, period_s)).collect();
-    let recordings: Vec<Recording> = training.iter().map(|movement| recording(&client, movement)).collect();
-    let options = Options { seed: 1, ..Options::default() };
-    let found = identify(&robot(), &recordings, &[], &options, &|_| {}).expect("an identification");
-    println!("closed-loop rms {:.3?} counts", found.rms_counts);
-    let model = identified_model::from_identification(&robot(), &found, toml::Table::new());
-    for (index, (found, truth)) in model.f.iter().zip(hidden().f).enumerate() {
-        println!("f{}: found {found:.5}, true {truth:.5}", index + 1);
-    }
-    client.upload(&board_model(&robot(), &model).expect("a model for the board")).expect("an accepted model");
-    client.load_trajectory(&paper_movement(TRAINING_PERIODS_S[0])).expect("an accepted movement");
-    let tracked = client.run(&plan(ControlLaw::ComputedTorque), &mut |_| {}).expect("a movement");
-    check_whole(&tracked);
-    let within_percent = within_one_count_percent(&tracked);
-    println!(
-        "position loop: largest {:?} counts; computed torque: largest {:?} counts, {within_percent:.3} % within one",
-        largest_errors_counts(&training[0]),
-        largest_errors_counts(&tracked),
-    );
-    assert!(within_percent >= 99.0);
-    let observations = BoardUnderTest::finish(board);
-    compare_with_the_simulated_board(&training[0], &observations);
-}
+/// Period of the movement that is recorded twice, in s.
+const PERIOD_S: f64 = 3.65;
 
 /// Largest difference that rounding explains, in counts rms.
 ///
@@ -76,14 +21,20 @@ const WITH_ASSUMED_DELAY_COUNTS: f64 = 0.6;
 /// movement does at both its ends, is pushed by a count that a real encoder does not have.
 const WITH_WIDE_CELL_COUNTS: f64 = 0.9;
 
-fn compare_with_the_simulated_board(emulated: &Movement, observations: &Observations) {
-    let delay_s = command_delay_s(observations);
+#[test]
+fn image_and_simulated_board_record_the_same_to_the_rounding_floor() {
+    let Some(switch_on) = switched_on() else { return };
+    let board = switch_on(Setup::default());
+    let emulated = record(&mut ready(&board), PERIOD_S);
+    let observations = BoardUnderTest::finish(board);
+    let delay_s = command_delay_s(&observations);
     let after = |command_delay_s: f64| Robot { command_delay_s, ..robot() };
     let record = |board: NativeBoard| {
-        let movement = record(&mut ready(&board), TRAINING_PERIODS_S[0]);
+        let movement = record(&mut ready(&board), PERIOD_S);
         board.finish();
         movement
     };
+    let emulated = &emulated;
     let native = record(NativeBoard::with_equal_cells(&after(delay_s), hidden()));
     let differing_by = |other: NativeBoard| difference_rms_counts(&native, &record(other));
     let floor = differing_by(NativeBoard::with_equal_cells(&after(delay_s + 1e-7), hidden()));

@@ -1,0 +1,212 @@
+//! `armid excite`.
+
+use std::path::PathBuf;
+
+use armid::excite::{Criterion, Design, Settings, USED_SHARE, default_repeats, design};
+use armid::identify::Parameter;
+use armid::robot::Robot;
+use armid::trajectory_file;
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_model};
+use super::{CommandError, progress};
+
+/// Arguments of `excite`.
+#[derive(Debug, Args)]
+pub struct Excite {
+    #[command(flatten)]
+    robot: RobotArguments,
+    /// Model to design for; without it, the reference robot with the robot file's friction
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// How long the movement lasts, in s
+    #[arg(long, value_name = "SECONDS", default_value_t = 7.3, allow_negative_numbers = true)]
+    duration: f64,
+    /// Periods of the series within the duration; without it, periods of at most 4.5 s
+    #[arg(long, value_name = "N")]
+    repeats: Option<u32>,
+    /// Harmonics of the series
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    harmonics: usize,
+    /// What is made small
+    #[arg(long, value_enum, default_value_t)]
+    criterion: Criterion,
+    /// Generations of the search, 16 movements each
+    #[arg(long, value_name = "N", default_value_t = 80)]
+    generations: usize,
+    /// Seed of the search
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Trajectory file to write, for record --trajectory
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+impl Excite {
+    pub fn run(&self) -> Result<(), CommandError> {
+        let robot = self.robot.read_for_motion()?;
+        let model = self.model.as_deref().map(|path| read_model(path, &robot)).transpose()?;
+        if let Some(out) = &self.out {
+            check_outputs([out.as_path()], [&self.robot.robot, &self.model].into_iter().filter_map(Option::as_deref))?;
+        }
+        if model.is_none() {
+            advise(
+                "designed for the reference robot; once a model is identified, design again with --model for movements made \
+                 for this arm",
+            );
+        }
+        let settings = Settings {
+            duration_s: self.duration,
+            repeats: self.repeats.unwrap_or_else(|| default_repeats(self.duration)),
+            harmonics: self.harmonics,
+            criterion: self.criterion,
+            generations: self.generations,
+            seed: self.seed,
+        };
+        let bar = progress::bar("excite", 0);
+        let design = design(&robot, model.as_ref(), &settings, &|done, planned| {
+            bar.set_length(planned as u64);
+            bar.set_position(done as u64);
+        })?;
+        bar.finish_and_clear();
+        match &self.out {
+            Some(path) => trajectory_file::write(path, &design.trajectory, &heading(&robot, &settings))?,
+            None => advise("the movement was not kept; pass --out movement.toml to write it"),
+        }
+        if self.json { print_json(&to_json(&robot, &design, &settings)) } else { print(report(&robot, &design)) }
+    }
+}
+
+/// What the trajectory file says of itself.
+fn heading(robot: &Robot, settings: &Settings) -> String {
+    format!(
+        "Made by {} for the robot \"{}\": excite --duration {} --repeats {} --harmonics {} --criterion {} --generations {} \
+         --seed {}",
+        armid::TOOL_VERSION,
+        robot.name,
+        settings.duration_s,
+        settings.repeats,
+        settings.harmonics,
+        name(settings.criterion),
+        settings.generations,
+        settings.seed
+    )
+}
+
+fn name(criterion: Criterion) -> &'static str {
+    match criterion {
+        Criterion::D => "d",
+        Criterion::Condition => "condition",
+        Criterion::Worst => "worst",
+    }
+}
+
+/// The paper's movements of the design's duration in words.
+fn paper_name(design: &Design) -> String {
+    let periods: Vec<String> = design.paper_periods_s.iter().map(|period_s| format!("{period_s:.2} s")).collect();
+    format!("paper, T = {}", periods.join(" and "))
+}
+
+/// The result for people.
+fn report(robot: &Robot, design: &Design) -> String {
+    let mut lines = vec![
+        "predicted standard errors from rounding alone, in the parameter's unit and relative to its magnitude"
+            .to_string(),
+        format!("{:<22} {:>28} {:>24} {:>8}", "parameter", paper_name(design), "this movement", "ratio"),
+    ];
+    for (index, &parameter) in design.free.iter().enumerate() {
+        let [paper, designed] = [&design.paper, &design.designed].map(|e| e.standard_errors[index]);
+        let cell = |error: f64| format!("{error:.2e} ({:.4} %)", 100.0 * error / design.magnitudes[index]);
+        let row = format!(
+            "{:<22} {:>28} {:>24} {:>8.2}",
+            parameter.name(robot),
+            cell(paper),
+            cell(designed),
+            paper / designed
+        );
+        lines.push(row);
+    }
+    let (paper, designed) = (&design.paper, &design.designed);
+    let worst = |(parameter, error): (Parameter, f64)| format!("{} {:.4} %", parameter.name(robot), 100.0 * error);
+    lines.push(format!(
+        "worst of f: {} with the paper's, {} with this movement: {:.2} times better",
+        worst(paper.worst),
+        worst(designed.worst),
+        paper.worst.1 / designed.worst.1
+    ));
+    lines.push(format!(
+        "all together (D): {:.2} times better per parameter; condition number {:.0} instead of {:.0}",
+        paper.volume_per_parameter / designed.volume_per_parameter,
+        designed.condition,
+        paper.condition
+    ));
+    lines.push("margins:".to_string());
+    lines.extend(design.margins.rows.iter().map(|row| format!("  {row}")));
+    for margin in &design.loop_margins {
+        lines.push(format!(
+            "  joint {} {}: {:.4} {} by the model, limit {:.4}, of which {:.0} % may be used, left {:.4}",
+            margin.joint,
+            margin.quantity,
+            margin.peak,
+            margin.unit,
+            margin.limit,
+            100.0 * USED_SHARE,
+            USED_SHARE * margin.limit - margin.peak
+        ));
+    }
+    lines.push(format!("{} movements simulated", design.evaluations));
+    lines.join("\n")
+}
+
+fn to_json(robot: &Robot, design: &Design, settings: &Settings) -> Value {
+    let parameters: Vec<Value> = design
+        .free
+        .iter()
+        .enumerate()
+        .map(|(index, &parameter)| {
+            json!({
+                "name": parameter.name(robot),
+                "magnitude": design.magnitudes[index],
+                "standard_error": design.designed.standard_errors[index],
+                "paper_standard_error": design.paper.standard_errors[index],
+            })
+        })
+        .collect();
+    let margins: Vec<Value> = design
+        .margins
+        .rows
+        .iter()
+        .map(|row| {
+            json!({
+                "joint": robot.joints[usize::from(row.joint)].name, "quantity": row.quantity.name(),
+                "unit": row.quantity.unit(), "peak": row.peak, "limit": row.limit, "left": row.left(),
+            })
+        })
+        .collect();
+    let expectation = |e: &armid::excite::Expectation| {
+        json!({
+            "worst": {"name": e.worst.0.name(robot), "relative_standard_error": e.worst.1},
+            "condition": e.condition, "volume_per_parameter": e.volume_per_parameter,
+        })
+    };
+    json!({
+        "criterion": name(settings.criterion),
+        "duration_s": settings.duration_s,
+        "repeats": settings.repeats,
+        "harmonics": settings.harmonics,
+        "generations": settings.generations,
+        "seed": settings.seed,
+        "parameters": parameters,
+        "designed": expectation(&design.designed),
+        "paper": expectation(&design.paper),
+        "paper_periods_s": design.paper_periods_s,
+        "worst_ratio": design.paper.worst.1 / design.designed.worst.1,
+        "margins": margins,
+        "loop_margins": design.loop_margins,
+        "evaluations": design.evaluations,
+    })
+}

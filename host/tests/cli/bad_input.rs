@@ -1,0 +1,170 @@
+//! Files that cannot be used, one mistake at a time.
+
+use crate::bench::{BAD_FILE, Bench, FAILED, replace_line};
+
+#[test]
+fn bad_recordings_are_code_3_and_named_by_line() {
+    let bench = Bench::new().with_recording();
+    let spoil = |change: &dyn Fn(String) -> String| bench.spoil("run.csv", "bad.csv", change);
+    let refused = |parts: &[&str]| {
+        for command in ["identify", "calibrate"] {
+            bench.refused(BAD_FILE, &format!("{command} bad.csv --robot robot.toml"), parts);
+        }
+    };
+    spoil(&|text| replace_line(&text, 10, "8,1,2,3"));
+    refused(&["bad.csv:10", "4 columns", "9"]);
+    spoil(&|text| replace_line(&text, 10, "8,1,2,NaN,4,5,6,7,8"));
+    refused(&["bad.csv:10", "err2", "NaN", "finite number"]);
+    spoil(&|text| replace_line(&text, 10, "8,1,2,3,x,5,6,7,8"));
+    refused(&["bad.csv:10", "err3", "x", "a number"]);
+    spoil(&|text| replace_line(&text, 10, "9,1,2,3,4,5,6,7,8"));
+    refused(&["bad.csv:10", "tick jumps from 7 to 9", "--allow-gaps"]);
+    spoil(&|text| text[..text.len() - 30].to_string());
+    refused(&["bad.csv:5215", "cut off", "copy the file again"]);
+    spoil(&|text| replace_line(&text, 1, "tick,ref3,ref2,err3,err2,cur3,cur2,cmd3,cmd2"));
+    refused(&["bad.csv:1", "swapped"]);
+    spoil(&|text| text.lines().take(20).map(|line| format!("{line}\n")).collect());
+    refused(&["bad.csv", "19 samples", "at least 50"]);
+    bench.refused(BAD_FILE, "identify missing.csv", &["missing.csv", "cannot be read"]);
+    bench.spoil("run.toml", "bad.toml", |text| {
+        text.replace("position_gain_a_per_count = 0.036", "position_gain_a_per_count = nan")
+    });
+    spoil(&|text| text + "\n");
+    refused(&["bad.toml", "position_gain_a_per_count", "NaN"]);
+}
+
+#[test]
+fn swapped_joints_are_found_by_their_gains() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("run.csv", "bad.csv", |text| {
+        let mut lines = text.lines();
+        let header = lines.next().unwrap().to_string() + "\n";
+        let exchange = |line: &str| {
+            let f: Vec<&str> = line.split(',').collect();
+            [f[0], f[2], f[1], f[4], f[3], f[6], f[5], f[8], f[7]].join(",") + "\n"
+        };
+        header + &lines.map(exchange).collect::<String>()
+    });
+    bench.refused(BAD_FILE, "identify bad.csv", &["bad.csv", "joints look swapped", "A/count"]);
+}
+
+#[test]
+fn recordings_of_another_loop_are_not_repeated_with_this_one() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("robot.toml", "other.toml", |text| text.replace("_count = 0.036", "_count = 0.03"));
+    // Gains may differ from recording to recording; each is repeated with those of its manifest, if they are stable.
+    let with = |robot: &str| bench.json(&format!("identify run.csv --robot {robot}"))["f"].clone();
+    assert_eq!(with("other.toml"), with("robot.toml"));
+    bench.spoil("run.csv", "wild.csv", |text| text.to_owned());
+    bench.spoil("run.toml", "wild.toml", |text| text.replace("_count = 0.036", "_count = 0.36"));
+    bench.refused(BAD_FILE, "identify wild.csv", &["wild.toml", "stability limit", "correct the manifest"]);
+    bench.spoil("robot.toml", "fast.toml", |text| text.replace("loop_period_s = 0.0007", "loop_period_s = 0.00035"));
+    for command in ["identify", "calibrate"] {
+        bench.refused(
+            BAD_FILE,
+            &format!("{command} run.csv --robot fast.toml"),
+            &["loop_period_s is 0.0007", "0.00035"],
+        );
+    }
+    bench.done("simulate --mode ctc --settle 0.5 --out ctc.csv");
+    bench.refused(BAD_FILE, "identify ctc.csv", &["ctc.toml", "mode is ctc", "must be p", "--mode p"]);
+}
+
+#[test]
+fn bad_robot_files_are_code_3() {
+    let bench = Bench::new().with_recording();
+    let refused = |from: &str, to: &str, parts: &[&str]| {
+        bench.spoil("robot.toml", "bad.toml", |text| text.replacen(from, to, 1));
+        for command in ["identify run.csv", "calibrate run.csv", "record --board sim", "simulate", "info --board sim"] {
+            bench.refused(BAD_FILE, &format!("{command} --robot bad.toml"), parts);
+        }
+    };
+    refused(
+        "gear_ratio = 107.8",
+        "gear_ratio = 0",
+        &["bad.toml:11", "gear_ratio", "is 0", "other than 0", "motor turns"],
+    );
+    refused("counts_per_rev = 800", "counts_per_rev = -800", &["bad.toml:12", "counts_per_rev", "-800", "above 0"]);
+    refused("gear_ratio", "gear_ration", &["bad.toml:11", "gear_ration", "did you mean `gear_ratio`"]);
+    refused("[[joint]]", "[[joint", &["bad.toml:9"]);
+}
+
+#[test]
+fn bad_models_are_code_3() {
+    let bench = Bench::new();
+    bench.done("simulate --settle 0 --out x.csv --truth model.toml");
+    bench.spoil("model.toml", "bad.toml", |text| {
+        let start = text.find("value = [").unwrap();
+        let end = start + text[start..].find(']').unwrap();
+        text[..start].to_string() + "value = [1.6, 1.07, 0.0, -0.96, 0.0, -2.2, 1.9, -0.1, 4.9" + &text[end..]
+    });
+    for command in ["upload", "track --model", "record --model"] {
+        bench.refused(
+            BAD_FILE,
+            &format!("{command} bad.toml --board sim"),
+            &["bad.toml:2", "not positive definite", "det D", "above 0", "identify the arm again"],
+        );
+    }
+}
+
+#[test]
+fn recordings_too_short_or_without_motion_are_bad_files() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("run.csv", "short.csv", |text| text.lines().take(200).map(|line| format!("{line}\n")).collect());
+    bench.refused(BAD_FILE, "identify short.csv", &["short.csv", "199 samples", "500", "longer movement"]);
+    let still: String = (0..1500).map(|tick| format!("{tick},0,0,-61,0,-2.2,0.0\n")).collect();
+    std::fs::write(bench.path("still.csv"), format!("tick,ref2,ref3,err2,err3,cur2,cur3\n{still}")).unwrap();
+    bench.refused(BAD_FILE, "identify still.csv", &["joint 2", "travels only 0 counts", "larger movement"]);
+}
+
+#[test]
+fn a_current_that_does_not_fit_the_gain_is_told() {
+    let bench = Bench::new().with_recording();
+    let with_current = |change: fn(&str) -> String| {
+        bench.spoil("run.csv", "bad.csv", |text| {
+            let mut lines = text.lines();
+            lines.next();
+            let columns = |line: &str| {
+                let f: Vec<&str> = line.split(',').collect();
+                format!("{},{},{}\n", f[..5].join(","), change(f[5]), f[6])
+            };
+            let rows: String = lines.map(columns).collect();
+            format!("tick,ref2,ref3,err2,err3,cur2,cur3\n{rows}")
+        });
+        String::from_utf8(bench.run("calibrate bad.csv").stderr).unwrap()
+    };
+    let milliampere = with_current(|current| (1e3 * current.parse::<f64>().unwrap()).to_string());
+    assert!(milliampere.contains("cur2 over err2 is 36.") && milliampere.contains("ampere"), "{milliampere}");
+    let nothing = with_current(|_| "0".into());
+    assert!(nothing.contains("cur2 does not follow err2"), "{nothing}");
+    // Calibrating by it must not end in a gain of zero.
+    bench.refused(FAILED, "calibrate bad.csv --out zero.toml", &["joint 2", "correlate by 0.00", "current sensor"]);
+    assert!(!bench.path("zero.toml").exists());
+    let sound = with_current(|current| format!("{current}0"));
+    assert!(!sound.contains("cur2"), "{sound}");
+}
+
+#[test]
+fn files_of_another_robot_are_told() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("robot.toml", "other.toml", |text| text.replacen("name = \"PUMA", "name = \"Another PUMA", 1));
+    let stderr = String::from_utf8(bench.run("calibrate run.csv --robot other.toml").stderr).unwrap();
+    assert!(stderr.contains("run.toml: is of the robot \"PUMA 560"), "{stderr}");
+    bench.spoil("run.toml", "run.toml", |text| text.replace("name = \"3\"", "name = \"4\""));
+    for command in ["identify", "calibrate"] {
+        bench.refused(BAD_FILE, &format!("{command} run.csv"), &["run.toml", "2, 4", "2, 3", "robot file"]);
+    }
+}
+
+#[test]
+fn friction_in_another_unit_is_refused() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("robot.toml", "bad.toml", |text| {
+        text.replacen("coulomb_friction_nm = 0.124", "coulomb_friction_nm = 124", 1)
+    });
+    bench.refused(
+        BAD_FILE,
+        "calibrate run.csv --robot bad.toml",
+        &["bad.toml:", "coulomb_friction_nm", "124", "greatest torque", "unit"],
+    );
+}
