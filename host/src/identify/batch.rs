@@ -41,13 +41,7 @@ impl Experiment<'_> {
     /// plant to the bit, whatever stands beside it and on however many threads.
     pub fn objectives_counts2(&self, plants: &[Plant<f64>]) -> Vec<f64> {
         let Some(loops) = followed::loops(self) else { return self.objectives_from_zero_counts2(plants) };
-        let level = Level::new();
-        let judge = |plants: &[Plant<f64>]| {
-            dispatch!(level, machine => followed_on_lanes::<_, f64x8<_>, _, DOUBLE_GROUPS>(
-                machine, self, &loops, plants, |segment| &segment.followed.double, None
-            ))
-        };
-        let judged = plants.par_chunks(DOUBLE_LANES).flat_map_iter(judge).collect();
+        let judged = self.followed_objectives(plants, &loops, None);
         self.judge_strayed(plants, judged)
     }
 
@@ -59,7 +53,7 @@ impl Experiment<'_> {
         let level = Level::new();
         let judge = |plants: &[Plant<f64>]| {
             dispatch!(level, machine => followed_on_lanes::<_, f32x16<_>, _, SINGLE_GROUPS>(
-                machine, self, &loops, plants, |segment| &segment.followed.single, None
+                machine, self, &loops, plants, single, None
             ))
         };
         let judged = plants.par_chunks(SEARCH_LANES).flat_map_iter(judge).collect();
@@ -71,14 +65,24 @@ impl Experiment<'_> {
     /// up. None where [`followed::loops`] are missing.
     pub fn smoothed_objectives_counts2(&self, plants: &[Plant<f64>], cutoff_hz: f64) -> Option<Vec<f64>> {
         let loops = followed::loops(self)?;
+        let judged = self.followed_objectives(plants, &loops, Some(cutoff_hz));
+        Some(judged.into_iter().map(|objective| objective.unwrap_or(f64::INFINITY)).collect())
+    }
+
+    /// Objectives in double precision counted from the robot's motion; none for a plant that strays from it.
+    fn followed_objectives(
+        &self,
+        plants: &[Plant<f64>],
+        loops: &[[PositionLoop<f64>; 2]],
+        cutoff_hz: Option<f64>,
+    ) -> Vec<Option<f64>> {
         let level = Level::new();
         let judge = |plants: &[Plant<f64>]| {
             dispatch!(level, machine => followed_on_lanes::<_, f64x8<_>, _, DOUBLE_GROUPS>(
-                machine, self, &loops, plants, |segment| &segment.followed.double, Some(cutoff_hz)
+                machine, self, loops, plants, double, cutoff_hz
             ))
         };
-        let judged = plants.par_chunks(DOUBLE_LANES).flat_map_iter(judge);
-        Some(judged.map(|objective| objective.unwrap_or(f64::INFINITY)).collect())
+        plants.par_chunks(DOUBLE_LANES).flat_map_iter(judge).collect()
     }
 
     /// Fills the gaps in `judged`: candidates that strayed too far from the recorded motion to be counted from it, or
@@ -97,6 +101,14 @@ impl Experiment<'_> {
     }
 }
 
+fn double(segment: &Segment) -> &[followed::Sample<f64>] {
+    &segment.followed.double
+}
+
+fn single(segment: &Segment) -> &[followed::Sample<f32>] {
+    &segment.followed.single
+}
+
 /// The objective of up to a chunk of candidates counted from the robot's own motion; none for those that stray from it.
 #[inline(always)]
 fn followed_on_lanes<
@@ -109,7 +121,7 @@ fn followed_on_lanes<
     experiment: &Experiment,
     loops: &[[PositionLoop<f64>; 2]],
     plants: &[Plant<f64>],
-    samples: impl Fn(&Segment) -> &[followed::Sample<N>],
+    samples: fn(&Segment) -> &[followed::Sample<N>],
     cutoff_hz: Option<f64>,
 ) -> Vec<Option<f64>> {
     let settings = experiment.settings(1);
