@@ -46,7 +46,7 @@ impl Experiment<'_> {
     }
 
     /// [`Experiment::objectives_counts2`] within a relative 1e-4 and at twice its rate, for searches: in single
-    /// precision. Where [`followed::loops`] are missing it is the same. What may become a result should be judged in
+    /// precision. Where a loop cannot be followed it is the same. What may become a result should be judged in
     /// double precision as well.
     pub fn search_objectives_counts2(&self, plants: &[Plant<f64>]) -> Vec<f64> {
         let Some(loops) = followed::loops(self) else { return self.objectives_from_zero_counts2(plants) };
@@ -62,7 +62,7 @@ impl Experiment<'_> {
 
     /// The objective of what is left below `cutoff_hz` of the differences between recorded and modelled errors, counts²,
     /// of every plant in order, in double precision; infinite for a plant that strays from the recorded motion or blows
-    /// up. None where [`followed::loops`] are missing.
+    /// up. None where a loop cannot be followed: one faster than the recording, or a law other than P.
     pub fn smoothed_objectives_counts2(&self, plants: &[Plant<f64>], cutoff_hz: f64) -> Option<Vec<f64>> {
         let loops = followed::loops(self)?;
         let judged = self.followed_objectives(plants, &loops, Some(cutoff_hz));

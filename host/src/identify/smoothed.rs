@@ -8,7 +8,7 @@ const QUALITY: [f64; 2] = [0.541_196_100_146_197, 1.306_562_964_876_377];
 /// Second-order sections of the whole filter: the fourth-order one twice.
 const SECTIONS: usize = 4;
 
-/// A causal filter with the gain of [`super::low_pass`]: 1/(1 + (f/f_c)^8).
+/// A causal filter with the gain of [`super::low_pass()`]: 1/(1 + (f/f_c)^8).
 ///
 /// It delays, which that one does not; but the sum of the squares of what it lets through is the same, ends apart,
 /// because by Parseval's theorem that sum does not know phases. So candidates can be judged while they run.
