@@ -24,6 +24,7 @@ mod parameters;
 mod search;
 mod sensitivity;
 pub(crate) mod simulation;
+mod smoothed;
 mod stages;
 
 use std::path::PathBuf;
@@ -37,7 +38,7 @@ pub use certainty::{Direction, LeftOut, Repeats, weak_directions};
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
 pub use parameters::{FrictionMode, Parameter, Prior, Sought, Values, free_parameters};
-pub use search::{Found, Generation, SearchBox, search};
+pub use search::{Found, Generation, Judge, SearchBox, acceptable, search};
 pub use sensitivity::{Columns, Residual};
 
 use crate::recording::{Finding, Recording, SoundPart};

@@ -120,7 +120,7 @@ fn the_search_agrees_with_the_plain_plant() {
         }
     }
     let plain: Vec<f64> = candidates.iter().map(|values| experiment.objective_counts2(values)).collect();
-    assert!(plain[0] < 5e3 && plain.iter().any(|&y| y > 1e8), "{plain:?}");
+    assert!(plain[0] < 5e3 && plain.iter().any(|&y| y > 1e6), "{plain:?}");
     let fast = experiment.search_objectives_counts2(&plants(&robot, &candidates));
     let off = plain.iter().zip(&fast).map(|(plain, fast)| ((fast - plain) / plain).abs()).fold(0.0, f64::max);
     println!("off by {off:.1e} of the objective");
@@ -147,7 +147,11 @@ fn a_search_does_not_depend_on_neighbours_threads_or_blow_ups() {
     assert!(beside[2].is_nan(), "{}", beside[2]);
     // What single precision cannot follow is judged as in double precision.
     let double = experiment.objectives_counts2(&plants(&robot, &candidates[1..2]))[0];
-    assert!(beside[1] == double || (beside[1] - double).abs() < 1e-4 * double, "{} {double}", beside[1]);
+    assert!(
+        beside[1].to_bits() == double.to_bits() || (beside[1] - double).abs() < 1e-4 * double,
+        "{} {double}",
+        beside[1]
+    );
 }
 
 /// The best of every generation has the objective of the plain plant, not that of single precision.

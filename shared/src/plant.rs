@@ -259,9 +259,10 @@ impl<S: Scalar> PreparedPlant<S> {
         let free2 = inverse_determinant.mul_add(inertia.d22.mul_add(total2, -(inertia.d12 * total3)), old_velocity[0]);
         let free3 = inverse_determinant.mul_add(inertia.d11.mul_add(total3, -(inertia.d12 * total2)), old_velocity[1]);
         // A joint whose bound is zero has |λ| = bound and so never sticks.
+        let zero = period_s.constant(0.0);
         [
-            S::select(impulse2.abs().less(bound[0]), -carried[0], free2),
-            S::select(impulse3.abs().less(bound[1]), -carried[1], free3),
+            S::select(impulse2.abs().less(bound[0]), zero - carried[0], free2),
+            S::select(impulse3.abs().less(bound[1]), zero - carried[1], free3),
         ]
     }
 }

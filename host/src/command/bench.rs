@@ -2,6 +2,7 @@
 
 mod certainty;
 mod explain;
+mod ga;
 mod identify;
 mod paper;
 
@@ -22,10 +23,12 @@ enum What {
     Explain(explain::Explain),
     /// The paper's identification beside ours: objective and scatter over seeds.
     Paper(paper::Paper),
-    /// How near f comes to the truth on robots never seen, and whether its standard errors hold.
-    Certainty(certainty::Certainty),
     /// How many candidates a second identification judges, and how exactly.
     Identify(identify::Identify),
+    /// The genetic algorithm beside differential evolution and CMA-ES: success rate and evaluations over seeds.
+    Ga(ga::Ga),
+    /// How near f comes to the truth on robots never seen, and whether its standard errors hold.
+    Certainty(certainty::Certainty),
 }
 
 impl Bench {
@@ -33,8 +36,9 @@ impl Bench {
         match &self.what {
             What::Explain(explain) => explain.run(),
             What::Paper(paper) => paper.run(),
-            What::Certainty(certainty) => certainty.run(),
             What::Identify(identify) => identify.run(),
+            What::Ga(ga) => ga.run(),
+            What::Certainty(certainty) => certainty.run(),
         }
     }
 }

@@ -10,6 +10,7 @@ use shared::scalar::{Number, Scalar};
 use super::experiment::{Experiment, Fineness, Segment};
 use super::followed;
 use super::simulation::Simulation;
+use super::smoothed::Smoother;
 use crate::lanes::{Lanes, on_vectors};
 
 /// Vectors per operation in double precision: two chains of operations run in each other's gaps.
@@ -40,27 +41,46 @@ impl Experiment<'_> {
     /// plant to the bit, whatever stands beside it and on however many threads.
     pub fn objectives_counts2(&self, plants: &[Plant<f64>]) -> Vec<f64> {
         let Some(loops) = followed::loops(self) else { return self.objectives_from_zero_counts2(plants) };
-        let judge = |plants: &[Plant<f64>]| {
-            on_vectors!(machine => followed_on_lanes::<_, f64x8<_>, _, DOUBLE_GROUPS>(
-                machine, self, &loops, plants, |segment| &segment.followed.double
-            ))
-        };
-        let judged = plants.par_chunks(DOUBLE_LANES).flat_map_iter(judge).collect();
+        let judged = self.followed_objectives(plants, &loops, None);
         self.judge_strayed(plants, judged)
     }
 
     /// [`Experiment::objectives_counts2`] within a relative 1e-4 and at twice its rate, for searches: in single
-    /// precision. Where [`followed::loops`] are missing it is the same. What may become a result should be judged in
+    /// precision. Where a loop cannot be followed it is the same. What may become a result should be judged in
     /// double precision as well.
     pub fn search_objectives_counts2(&self, plants: &[Plant<f64>]) -> Vec<f64> {
         let Some(loops) = followed::loops(self) else { return self.objectives_from_zero_counts2(plants) };
         let judge = |plants: &[Plant<f64>]| {
             on_vectors!(machine => followed_on_lanes::<_, f32x16<_>, _, SINGLE_GROUPS>(
-                machine, self, &loops, plants, |segment| &segment.followed.single
+                machine, self, &loops, plants, single, None
             ))
         };
         let judged = plants.par_chunks(SEARCH_LANES).flat_map_iter(judge).collect();
         self.judge_strayed(plants, judged)
+    }
+
+    /// The objective of what is left below `cutoff_hz` of the differences between recorded and modelled errors, counts²,
+    /// of every plant in order, in double precision; infinite for a plant that strays from the recorded motion or blows
+    /// up. None where a loop cannot be followed: one faster than the recording, or a law other than P.
+    pub fn smoothed_objectives_counts2(&self, plants: &[Plant<f64>], cutoff_hz: f64) -> Option<Vec<f64>> {
+        let loops = followed::loops(self)?;
+        let judged = self.followed_objectives(plants, &loops, Some(cutoff_hz));
+        Some(judged.into_iter().map(|objective| objective.unwrap_or(f64::INFINITY)).collect())
+    }
+
+    /// Objectives in double precision counted from the robot's motion; none for a plant that strays from it.
+    fn followed_objectives(
+        &self,
+        plants: &[Plant<f64>],
+        loops: &[[PositionLoop<f64>; 2]],
+        cutoff_hz: Option<f64>,
+    ) -> Vec<Option<f64>> {
+        let judge = |plants: &[Plant<f64>]| {
+            on_vectors!(machine => followed_on_lanes::<_, f64x8<_>, _, DOUBLE_GROUPS>(
+                machine, self, loops, plants, double, cutoff_hz
+            ))
+        };
+        plants.par_chunks(DOUBLE_LANES).flat_map_iter(judge).collect()
     }
 
     /// Fills the gaps in `judged`: candidates that strayed too far from the recorded motion to be counted from it, or
@@ -78,6 +98,14 @@ impl Experiment<'_> {
     }
 }
 
+fn double(segment: &Segment) -> &[followed::Sample<f64>] {
+    &segment.followed.double
+}
+
+fn single(segment: &Segment) -> &[followed::Sample<f32>] {
+    &segment.followed.single
+}
+
 /// The objective of up to a chunk of candidates counted from the robot's own motion; none for those that stray from it.
 #[inline(always)]
 fn followed_on_lanes<
@@ -90,7 +118,8 @@ fn followed_on_lanes<
     experiment: &Experiment,
     loops: &[[PositionLoop<f64>; 2]],
     plants: &[Plant<f64>],
-    samples: impl Fn(&Segment) -> &[followed::Sample<N>],
+    samples: fn(&Segment) -> &[followed::Sample<N>],
+    cutoff_hz: Option<f64>,
 ) -> Vec<Option<f64>> {
     let settings = experiment.settings(1);
     let zero = Lanes::splat(machine, 0.0);
@@ -105,12 +134,19 @@ fn followed_on_lanes<
         };
         let constants = FollowedModel::in_numbers(number, settings.quantised);
         let mut model = followed::start(machine, experiment, segment, constants);
+        let smoother = cutoff_hz.map(|cutoff_hz| {
+            Smoother::new(cutoff_hz, experiment.robot.record_period_s, |value| Lanes::splat(machine, value))
+        });
+        let mut smoothers = smoother.map(|smoother| [smoother; 2]);
         for samples in samples(segment).chunks(SUMMED_SAMPLES) {
             let mut sum = zero;
             for sample in samples {
                 let sample = sample.on_lanes(machine);
                 let modelled = model.tick(&sample.model);
-                let difference = [modelled[0] - sample.actual_counts[0], modelled[1] - sample.actual_counts[1]];
+                let mut difference = [modelled[0] - sample.actual_counts[0], modelled[1] - sample.actual_counts[1]];
+                if let Some([first, second]) = &mut smoothers {
+                    difference = [first.next(difference[0]), second.next(difference[1])];
+                }
                 sum = difference[0].mul_add(difference[0], difference[1].mul_add(difference[1], sum));
                 farthest = [farthest[0].maximum(modelled[0].abs()), farthest[1].maximum(modelled[1].abs())];
             }

@@ -415,7 +415,7 @@ fn blocks_left_out(
     let count = scale.len();
     let mut variance = DVector::<f64>::zeros(count);
     let (mut shares, mut squared_shares) = (DVector::<f64>::zeros(count), DVector::<f64>::zeros(count));
-    let groups = same_moments(&fitted.origins);
+    let groups = same_moments(fitted);
     let samples: usize = groups.iter().map(|group| fitted.residuals[group.start].len()).sum();
     let length = fitted.correlated_samples.min(samples / LEAST_BLOCKS).max(1);
     for group in groups {
@@ -441,12 +441,14 @@ fn blocks_left_out(
     LeftOutBlocks { variance, freedom: freedom.map(|freedom| freedom.max(1.0)) }
 }
 
-/// Ranges of series that were recorded at the same moments: the joints of one stretch.
-fn same_moments(origins: &[Origin]) -> Vec<std::ops::Range<usize>> {
+/// Ranges of series that were recorded at the same moments: the joints of one stretch, unless each leaves out samples of
+/// its own.
+fn same_moments(fitted: &Fitted) -> Vec<std::ops::Range<usize>> {
+    let length = |index: usize| fitted.residuals[index].len();
     let mut groups: Vec<std::ops::Range<usize>> = Vec::new();
-    for (index, origin) in origins.iter().enumerate() {
+    for (index, origin) in fitted.origins.iter().enumerate() {
         match groups.last_mut() {
-            Some(group) if origin.joint > 0 => group.end = index + 1,
+            Some(group) if origin.joint > 0 && length(index) == length(group.start) => group.end = index + 1,
             _ => groups.push(index..index + 1),
         }
     }

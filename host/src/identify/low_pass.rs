@@ -1,6 +1,9 @@
 //! A zero-phase low-pass filter: the same for measured and simulated signals, so that it moves neither in time.
 
-use realfft::RealFftPlanner;
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 /// Order of the Butterworth magnitude; forward and backward passes of a filter of half this order give the same.
 const ORDER: i32 = 8;
@@ -27,9 +30,7 @@ pub fn low_pass(signal: &[f64], period_s: f64, cutoff_hz: f64) -> Vec<f64> {
     for (k, value) in padded.iter_mut().enumerate() {
         *value -= start + slope * k as f64;
     }
-    let mut planner = RealFftPlanner::<f64>::new();
-    let forward = planner.plan_fft_forward(total);
-    let backward = planner.plan_fft_inverse(total);
+    let (forward, backward) = transforms(total);
     let mut spectrum = forward.make_output_vec();
     if forward.process(&mut padded, &mut spectrum).is_err() {
         return signal.to_vec();
@@ -42,6 +43,15 @@ pub fn low_pass(signal: &[f64], period_s: f64, cutoff_hz: f64) -> Vec<f64> {
         return signal.to_vec();
     }
     (margin..margin + length).map(|k| padded[k] + start + slope * k as f64).collect()
+}
+
+/// Forward and backward transforms of a length. A fit filters series of the same few lengths thousands of times, and
+/// planning takes longer than transforming.
+pub(super) fn transforms(length: usize) -> (Arc<dyn RealToComplex<f64>>, Arc<dyn ComplexToReal<f64>>) {
+    thread_local! {
+        static PLANNER: RefCell<RealFftPlanner<f64>> = RefCell::new(RealFftPlanner::new());
+    }
+    PLANNER.with_borrow_mut(|planner| (planner.plan_fft_forward(length), planner.plan_fft_inverse(length)))
 }
 
 #[cfg(test)]

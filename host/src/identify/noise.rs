@@ -5,8 +5,9 @@
 //! low frequencies, torque noise as a hump around the bandwidth. Residuals divided by the root of this spectrum are
 //! never louder at one frequency than at another, so that least squares is not led by torque noise.
 
-use realfft::RealFftPlanner;
 use shared::replay::{CORRECTION_DAMPING, CORRECTION_HZ};
+
+use super::low_pass::transforms;
 
 /// Correlation times of torque noise to choose from, in s.
 const CORRELATION_TIMES_S: [f64; 5] = [0.003, 0.01, 0.03, 0.1, 0.3];
@@ -70,9 +71,7 @@ impl InnovationNoise {
         let after = series[series.len() - 1 - ring..series.len() - 1].iter().rev().map(|value| 2.0 * last - value);
         let mut padded: Vec<f64> = before.chain(series.iter().copied()).chain(after).collect();
         let length = padded.len();
-        let mut planner = RealFftPlanner::<f64>::new();
-        let forward = planner.plan_fft_forward(length);
-        let backward = planner.plan_fft_inverse(length);
+        let (forward, backward) = transforms(length);
         let mut lines = forward.make_output_vec();
         // Both fail only on wrong buffer lengths, which the planner made itself.
         let _ = forward.process(&mut padded, &mut lines);
@@ -102,7 +101,7 @@ fn periodogram(series: &[f64], period_s: f64) -> Vec<(f64, f64)> {
     if length < 2 {
         return Vec::new();
     }
-    let forward = RealFftPlanner::<f64>::new().plan_fft_forward(length);
+    let (forward, _) = transforms(length);
     let mut lines = forward.make_output_vec();
     // Fails only on wrong buffer lengths, which the planner made itself.
     let _ = forward.process(&mut series.to_vec(), &mut lines);

@@ -71,13 +71,14 @@ fn spikes(values: &[f64], range: &Range<usize>, least: Option<f64>) -> Vec<usize
             suspect[from..to].fill(true);
         }
     }
-    let mut window = Vec::with_capacity(2 * NEIGHBOURS + 1);
+    let mut window = Vec::with_capacity((2 * NEIGHBOURS + 1) * NEIGHBOURS);
     let mut off = Vec::new();
     for k in range.clone().filter(|k| suspect[k - range.start]) {
         let from = k.saturating_sub(NEIGHBOURS).max(range.start);
         let to = (k + NEIGHBOURS + 1).min(range.end);
+        // The median over all pairs: that over neighbours alone would be a whole number, in a column of whole counts.
         window.clear();
-        window.extend((from + 1..to).map(|i| values[i] - values[i - 1]));
+        window.extend((from + 1..to).flat_map(|j| (from..j).map(move |i| (values[j] - values[i]) / (j - i) as f64)));
         let slope = median(&mut window);
         window.clear();
         window.extend((from..to).map(|i| values[i] - slope * (i as f64 - k as f64)));

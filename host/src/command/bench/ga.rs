@@ -1,0 +1,294 @@
+//! `armid bench ga`: how surely and how fast the genetic algorithm finds the minimum of the paper's objective, beside
+//! differential evolution and CMA-ES, on the raw signals and up the filter ladder 8, 12, 15 Hz, raw.
+//!
+//! One simulated robot in the default loop, the paper's movement; f1..f9 sought, friction known. Every search may judge
+//! the same number of candidates. It has succeeded when the root mean square difference is within 1.05 of the best that
+//! any search found.
+
+mod differential_evolution;
+mod evolution_strategy;
+mod problem;
+mod random;
+
+use armid::client::{Client, Pose};
+use armid::hidden_robot::HiddenRobot;
+use armid::identify::{Experiment, Judge, Parameter, Values, acceptable};
+use armid::link::SimulatedBoard;
+use armid::recording::Mode;
+use armid::robot::Robot;
+use clap::Args;
+use rand_core::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use serde_json::json;
+use shared::arm::PARAMETERS;
+use shared::genetic::{Coding, Genetic, Range, Settings};
+use shared::plant::Plant;
+
+use super::super::common::{TrajectoryArguments, print, print_json};
+use super::super::run::Run;
+use super::super::{CommandError, progress};
+use problem::Problem;
+
+/// The paper's movement in s.
+const PERIOD_S: f64 = 3.65;
+/// Cut-off frequencies of the stages before the raw signals, in Hz.
+const LADDER_HZ: [f64; 3] = [8.0, 12.0, 15.0];
+/// Root mean square difference, as a multiple of the best known, that counts as found.
+const FOUND: f64 = 1.05;
+
+/// Arguments of `bench ga`.
+#[derive(Debug, Args)]
+pub struct Ga {
+    /// How many searches of each kind
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    seeds: u64,
+    /// Seed of the hidden robot and of the first search
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Candidates each search may judge
+    #[arg(long, value_name = "N", default_value_t = 12_000, value_parser = clap::value_parser!(u32).range(400..=10_000_000))]
+    evaluations: u32,
+    /// Search only this share of the search ranges, around a point that is this share off the truth at most
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    around: Option<f64>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let share: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    if share > 0.0 && share <= 1.0 { Ok(share) } else { Err(format!("{share} is not above 0 and at most 1")) }
+}
+
+/// A kind of search.
+#[derive(Clone, Copy)]
+enum Searcher {
+    Genetic(Settings),
+    DifferentialEvolution,
+    EvolutionStrategy,
+}
+
+/// The searchers compared, by name.
+fn searchers() -> Vec<(&'static str, Searcher)> {
+    let paper = Settings::default();
+    let gray = Settings { coding: Coding::Gray, ..paper };
+    vec![
+        ("the paper's genetic algorithm", Searcher::Genetic(paper)),
+        ("the same, Gray coding", Searcher::Genetic(gray)),
+        ("binary, migration every 5", Searcher::Genetic(Settings { migration_interval: 5, ..paper })),
+        ("Gray, migration every 5", Searcher::Genetic(Settings { migration_interval: 5, ..gray })),
+        (
+            "Gray, every 5, mutation 2/bits",
+            Searcher::Genetic(Settings {
+                migration_interval: 5,
+                mutation_probability: Some(2.0 / (PARAMETERS as f64 * f64::from(gray.bits_per_gene))),
+                ..gray
+            }),
+        ),
+        ("differential evolution", Searcher::DifferentialEvolution),
+        ("CMA-ES with restarts", Searcher::EvolutionStrategy),
+    ]
+}
+
+/// One kind of search, many times.
+struct Outcome {
+    name: String,
+    /// Of each search: every improvement of its best raw objective, as (candidates judged, objective in counts²).
+    courses: Vec<Vec<(usize, f64)>>,
+}
+
+impl Outcome {
+    fn finals(&self) -> Vec<f64> {
+        let mut finals: Vec<f64> =
+            self.courses.iter().map(|course| course.last().map_or(f64::INFINITY, |last| last.1)).collect();
+        finals.sort_by(f64::total_cmp);
+        finals
+    }
+
+    /// After how many candidates each search that succeeded had, sorted.
+    fn reached(&self, target_counts2: f64) -> Vec<usize> {
+        let first = |course: &Vec<(usize, f64)>| course.iter().find(|step| step.1 <= target_counts2).map(|step| step.0);
+        let mut reached: Vec<usize> = self.courses.iter().filter_map(first).collect();
+        reached.sort_unstable();
+        reached
+    }
+}
+
+impl Ga {
+    pub fn run(&self) -> Result<(), CommandError> {
+        let robot = Robot::paper();
+        let truth = HiddenRobot::draw(&robot, self.seed);
+        let robot = truth.with_known_friction(&robot);
+        let configuration = armid::board_setup::configuration(&robot)?;
+        let mut client = Client::connect(Box::new(SimulatedBoard::new(&robot, truth.clone(), self.seed)))?;
+        client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false)?;
+        let movement = TrajectoryArguments::paper(PERIOD_S).prepare(&robot)?;
+        let run =
+            Run { robot: &robot, movement: &movement, mode: Mode::P, seed: Some(self.seed), path: "bench.csv".into() };
+        let recording = run.on(&mut client)?.whole()?;
+        let experiment = Experiment::new(&robot, std::slice::from_ref(&recording))?;
+        let mut known = Values::of_robot(&robot);
+        known.f = truth.plant(&robot).arm.f;
+        for joint in 0..robot.joints.len() {
+            let drive = &truth.plant(&robot).drives[joint];
+            known.set(Parameter::TorqueOffset(joint), drive.torque_offset_nm);
+        }
+
+        let searchers = searchers();
+        let bar = progress::bar("bench ga", 2 * searchers.len() as u64 * self.seeds);
+        let mut outcomes = Vec::new();
+        for ladder in [false, true] {
+            for (name, searcher) in &searchers {
+                let courses = (self.seed..self.seed + self.seeds)
+                    .map(|seed| {
+                        let course = self.search(&experiment, &known, *searcher, ladder, seed);
+                        bar.inc(1);
+                        course
+                    })
+                    .collect::<Result<Vec<_>, CommandError>>()?;
+                let ladder = if ladder { ", ladder" } else { "" };
+                outcomes.push(Outcome { name: format!("{name}{ladder}"), courses });
+            }
+        }
+        bar.finish_and_clear();
+        let found = outcomes.iter().flat_map(Outcome::finals);
+        let best_counts2 = found.fold(experiment.objective_counts2(&known), f64::min);
+        self.report(&outcomes, best_counts2, experiment.samples())
+    }
+
+    /// The course of one search.
+    fn search(
+        &self,
+        experiment: &Experiment,
+        known: &Values,
+        searcher: Searcher,
+        ladder: bool,
+        seed: u64,
+    ) -> Result<Vec<(usize, f64)>, CommandError> {
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
+        let f: Vec<Parameter> = (0..PARAMETERS).map(Parameter::F).collect();
+        let ranges: Vec<[f64; 2]> = (0..PARAMETERS)
+            .map(|index| {
+                let [low, high] = experiment.robot.search[index];
+                let Some(share) = self.around else { return [low, high] };
+                let reach = share * (high - low);
+                let centre = known.f[index] + reach * (random::uniform(&mut random) - 0.5);
+                [centre - reach, centre + reach]
+            })
+            .collect();
+        let stages = if ladder { LADDER_HZ.len() + 1 } else { 1 };
+        let mut raw = Judge::new(experiment);
+        let mut course: Vec<(usize, f64)> = Vec::new();
+        let mut judge = |stage: usize, judged: usize, candidates: &[Vec<f64>]| {
+            let values: Vec<Values> = candidates
+                .iter()
+                .map(|genes| {
+                    let inside: Vec<f64> =
+                        genes.iter().zip(&ranges).map(|(gene, [low, high])| low + gene * (high - low)).collect();
+                    known.with(&f, &inside)
+                })
+                .collect();
+            if stage + 1 < stages {
+                return smoothed(experiment, &values, LADDER_HZ[stage]);
+            }
+            let objectives = raw.objectives_counts2(&values);
+            for (index, &objective) in objectives.iter().enumerate() {
+                if course.last().is_none_or(|last| objective < last.1) {
+                    course.push((judged + index + 1, objective));
+                }
+            }
+            objectives
+        };
+        let mut problem = Problem::new(PARAMETERS, self.evaluations as usize, stages, &mut judge);
+        match searcher {
+            Searcher::Genetic(settings) => genetic(&mut problem, settings, random)?,
+            Searcher::DifferentialEvolution => differential_evolution::run(&mut problem, &mut random),
+            Searcher::EvolutionStrategy => evolution_strategy::run(&mut problem, &mut random),
+        }
+        Ok(course)
+    }
+
+    fn report(&self, outcomes: &[Outcome], best_counts2: f64, samples: usize) -> Result<(), CommandError> {
+        let target_counts2 = FOUND * FOUND * best_counts2;
+        let rms = |objective: f64| (objective / (2 * samples) as f64).sqrt();
+        if self.json {
+            let of = |outcome: &Outcome| {
+                let reached = outcome.reached(target_counts2);
+                json!({
+                    "name": outcome.name,
+                    "success_rate": reached.len() as f64 / outcome.courses.len() as f64,
+                    "median_evaluations": middle(&reached),
+                    "median_rms_counts": middle(&outcome.finals()).map(rms),
+                })
+            };
+            return print_json(&json!({
+                "seeds": self.seeds,
+                "seed": self.seed,
+                "evaluations": self.evaluations,
+                "around": self.around,
+                "best_rms_counts": rms(best_counts2),
+                "searches": outcomes.iter().map(of).collect::<Vec<_>>(),
+            }));
+        }
+        let mut lines = vec![format!("{:<44} {:>9} {:>16} {:>14}", "", "success", "evaluations", "counts rms")];
+        for outcome in outcomes {
+            let reached = outcome.reached(target_counts2);
+            lines.push(format!(
+                "{:<44} {:>7.0} % {:>16} {:>14.3}",
+                outcome.name,
+                100.0 * reached.len() as f64 / outcome.courses.len() as f64,
+                middle(&reached).map_or("–".into(), |evaluations| evaluations.to_string()),
+                middle(&outcome.finals()).map_or(f64::NAN, rms),
+            ));
+        }
+        lines.push(format!(
+            "Success: within {FOUND} of the best known difference, {:.3} counts rms. Evaluations: candidates judged until \
+             then, the median of the searches that succeeded. Counts rms: what a search ends at, the median. {} searches \
+             of {} candidates each.",
+            rms(best_counts2),
+            self.seeds,
+            self.evaluations
+        ));
+        print(lines.join("\n"))
+    }
+}
+
+/// The median of sorted values.
+fn middle<T: Copy>(sorted: &[T]) -> Option<T> {
+    sorted.get(sorted.len() / 2).copied()
+}
+
+/// Spends the budget by the genetic algorithm.
+fn genetic(problem: &mut Problem, settings: Settings, random: Pcg64Mcg) -> Result<(), CommandError> {
+    let unit = [Range { low: 0.0, high: 1.0 }; PARAMETERS];
+    let mut genetic = Genetic::<PARAMETERS, 20, 4, _>::new(settings, unit, random)
+        .map_err(|error| CommandError::Failed(error.to_string()))?;
+    let mut stage = None;
+    while !problem.is_over() {
+        let now = Some(problem.stage());
+        let mut objective = |candidates: &[[f64; PARAMETERS]], objectives: &mut [f64]| {
+            let candidates: Vec<Vec<f64>> = candidates.iter().map(|genes| genes.to_vec()).collect();
+            objectives.copy_from_slice(&problem.judge(&candidates));
+        };
+        if stage == now {
+            genetic.step(&mut objective);
+        } else {
+            genetic.initialise(&mut objective);
+            stage = now;
+        }
+    }
+    Ok(())
+}
+
+/// The objectives below a frequency; infinite for what no arm could be.
+fn smoothed(experiment: &Experiment, values: &[Values], cutoff_hz: f64) -> Vec<f64> {
+    let mut objectives = vec![f64::INFINITY; values.len()];
+    let possible: Vec<usize> = (0..values.len()).filter(|&index| acceptable(experiment, &values[index])).collect();
+    let plants: Vec<Plant<f64>> = possible.iter().map(|&index| values[index].plant(experiment.robot)).collect();
+    let judged = experiment.smoothed_objectives_counts2(&plants, cutoff_hz).unwrap_or_default();
+    for (index, objective) in possible.into_iter().zip(judged) {
+        objectives[index] = objective;
+    }
+    objectives
+}
