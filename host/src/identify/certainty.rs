@@ -122,18 +122,21 @@ pub fn weak_directions(
         let largest = column.amax();
         let deviation = eigen.eigenvalues[k].sqrt();
         let by = |i: usize| if column[i] == 0.0 { 0.0 } else { column[i] * tolerances[i] * deviation };
-        let components: Vec<(Parameter, f64)> =
-            (0..free.len()).filter(|&i| column[i].abs() > NEGLIGIBLE * largest).map(|i| (free[i], by(i))).collect();
-        let common_scale = components
+        let shown = |i: usize| column[i].abs() > NEGLIGIBLE * largest;
+        let common_scale = free
             .iter()
-            .find(|(parameter, _)| matches!(parameter, Parameter::Gain(_)))
-            .map(|&(parameter, by)| by / values.get(parameter))
-            .filter(|factor| {
-                (0..free.len()).all(|i| {
-                    let off = (by(i) - factor * values.get(free[i])) / (tolerances[i] * deviation);
-                    off.abs() <= NEGLIGIBLE * largest || !tolerances[i].is_finite()
-                })
+            .position(|parameter| matches!(parameter, Parameter::Gain(_)))
+            .map(|gain| by(gain) / values.get(free[gain]))
+            .filter(|&factor| {
+                factor != 0.0
+                    && (0..free.len()).all(|i| {
+                        let off = (by(i) - factor * values.get(free[i])) / (tolerances[i] * deviation);
+                        off.abs() <= NEGLIGIBLE * largest || !tolerances[i].is_finite()
+                    })
             });
+        // Every parameter has its part in a common scale, however much of it would still count as determined.
+        let is_part = |i: usize| if common_scale.is_some() { tolerances[i].is_finite() } else { shown(i) };
+        let components = (0..free.len()).filter(|&i| is_part(i)).map(|i| (free[i], by(i))).collect();
         Direction { components, common_scale: common_scale.map(f64::abs) }
     };
     order.into_iter().map(direction).collect()
