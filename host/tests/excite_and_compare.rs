@@ -161,8 +161,8 @@ fn baselines_and_models_are_compared() {
     assert!(full < 0.5, "{full}");
     // The torque equations know far less from the same recordings, and say so.
     assert!(full < 0.1 * linear && full < 0.1 * didim);
-    for index in 1..4 {
-        assert!(in_standard_errors(index) < 4.5, "{} of {}", in_standard_errors(index), methods[index]);
+    for (index, method) in methods.iter().enumerate().skip(1) {
+        assert!(in_standard_errors(index) < 4.5, "{} of {method}", in_standard_errors(index));
     }
     let gap = |model: &Value| number(&model["gap"]["innovation_rms_counts"][0]);
     assert!(gap(&models[1]) < 0.31 && gap(&models[1]) <= gap(&models[2]), "{}", gap(&models[1]));
