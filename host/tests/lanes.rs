@@ -169,6 +169,11 @@ fn a_search_gives_objectives_in_double_precision() {
     let plain = experiment.objective_counts2(&found.values);
     assert!(((found.objective_counts2 - plain) / plain).abs() < 1e-9, "{} {plain}", found.objective_counts2);
     assert_eq!(found.generations.last().unwrap().best_counts2, found.objective_counts2);
+    // The same search on one thread is the same to the bit.
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let alone = one_thread.install(|| search(&experiment, &place, 1, &|_| ())).unwrap();
+    assert_eq!((alone.values, alone.objective_counts2), (found.values, found.objective_counts2));
+    assert_eq!(alone.generations, found.generations);
 }
 
 /// Where a joint sticks or a command is at its limit, differences see the corner and derivatives one side of it; so the

@@ -17,11 +17,14 @@ use crate::lanes::{Lanes, on_vectors};
 const DOUBLE_GROUPS: usize = 2;
 /// Vectors per operation in single precision.
 const SINGLE_GROUPS: usize = 3;
+/// The same where there are only enough candidates for fewer.
+const FEW_GROUPS: usize = 2;
 
 /// Candidates simulated side by side in double precision.
 const DOUBLE_LANES: usize = 8 * DOUBLE_GROUPS;
 /// Candidates that a search simulates side by side on one core.
 pub const SEARCH_LANES: usize = 16 * SINGLE_GROUPS;
+const FEW_LANES: usize = 16 * FEW_GROUPS;
 
 /// Samples whose squares are summed before the sum is added to the total: short sums of short sums lose less to
 /// rounding than one long sum.
@@ -50,12 +53,22 @@ impl Experiment<'_> {
     /// double precision as well.
     pub fn search_objectives_counts2(&self, plants: &[Plant<f64>]) -> Vec<f64> {
         let Some(loops) = followed::loops(self) else { return self.objectives_from_zero_counts2(plants) };
-        let judge = |plants: &[Plant<f64>]| {
+        let many = |plants: &[Plant<f64>]| {
             on_vectors!(machine => followed_on_lanes::<_, f32x16<_>, _, SINGLE_GROUPS>(
                 machine, self, &loops, plants, single, None
             ))
         };
-        let judged = plants.par_chunks(SEARCH_LANES).flat_map_iter(judge).collect();
+        let few = |plants: &[Plant<f64>]| {
+            on_vectors!(machine => followed_on_lanes::<_, f32x16<_>, _, FEW_GROUPS>(
+                machine, self, &loops, plants, single, None
+            ))
+        };
+        // A generation is small: with fewer lanes it takes every core less time.
+        let judged = if plants.len().div_ceil(rayon::current_num_threads().max(1)) <= FEW_LANES {
+            plants.par_chunks(FEW_LANES).flat_map_iter(few).collect()
+        } else {
+            plants.par_chunks(SEARCH_LANES).flat_map_iter(many).collect()
+        };
         self.judge_strayed(plants, judged)
     }
 

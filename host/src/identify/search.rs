@@ -1,5 +1,7 @@
 //! The genetic algorithm on the paper's objective.
 
+use std::collections::HashMap;
+
 use rand_core::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use shared::genetic::{Genetic, Range, Settings};
@@ -77,9 +79,10 @@ fn search_sized<const GENES: usize>(
         *range = Range { low, high };
     }
     let used = place.free.len();
+    let values_of = |genes: &[f64; GENES]| place.known.with(place.free, &genes[..used]);
     let mut judge = Judge::new(experiment);
     let mut objective = |candidates: &[[f64; GENES]], objectives: &mut [f64]| {
-        let values: Vec<Values> = candidates.iter().map(|genes| place.known.with(place.free, &genes[..used])).collect();
+        let values: Vec<Values> = candidates.iter().map(values_of).collect();
         objectives.copy_from_slice(&judge.objectives_counts2(&values));
     };
     let random = Pcg64Mcg::seed_from_u64(seed);
@@ -90,66 +93,119 @@ fn search_sized<const GENES: usize>(
         genetic.seed_individual(0, 0, genes)?;
     }
     let mut generations = Vec::new();
+    let mut leaders = Vec::new();
     genetic.run(&mut objective, |state| {
-        let best_counts2 = state.best().1;
+        let (genes, best_counts2) = state.best();
+        leaders.push(values_of(&genes));
         generations
             .push(Generation { best_counts2, subpopulations_counts2: std::array::from_fn(|s| state.best_of(s).1) });
         progress(best_counts2);
     });
-    let (genes, objective_counts2) = genetic.best();
-    Ok(Found {
-        values: place.known.with(place.free, &genes[..used]),
-        objective_counts2,
-        evaluations: genetic.evaluations() as usize,
-        generations,
-    })
+    judge.judge_exactly(leaders.iter().copied());
+    for (generation, leader) in generations.iter_mut().zip(&leaders) {
+        generation.best_counts2 = judge.exact_counts2(leader).unwrap_or(generation.best_counts2);
+    }
+    // What was the best of its generation in single precision may be worse in double precision than one before it.
+    for k in 1..generations.len() {
+        generations[k].best_counts2 = generations[k].best_counts2.min(generations[k - 1].best_counts2);
+    }
+    let (values, objective_counts2) = judge.best().unwrap_or((values_of(&genetic.best().0), f64::INFINITY));
+    if let Some(last) = generations.last_mut() {
+        last.best_counts2 = objective_counts2;
+    }
+    Ok(Found { values, objective_counts2, evaluations: genetic.evaluations() as usize, generations })
 }
 
-/// How much better than the best so far a candidate may really be than it looks in single precision, as a share of the
+/// How much better than the best a candidate may really be than it looks in single precision, as a share of the
 /// objective: twice what the two precisions differ by at most.
 const DOUBT: f64 = 2e-4;
 
-/// Judges the candidates of one search: fast, and exactly where it decides.
+/// Judges the candidates of one search: fast while it runs, and exactly what may become its result.
 ///
-/// Single precision orders the population. Whatever might be the best so far is judged again in double precision, so
-/// that the best of every generation and the result carry their true objective.
+/// Single precision orders the population. Everything that it finds within [`DOUBT`] of the best is kept, and in the end
+/// judged again in double precision. What came before, as copies that selection makes do, is not simulated again.
 pub struct Judge<'a> {
     experiment: &'a Experiment<'a>,
-    best_counts2: f64,
+    fast_counts2: HashMap<Key, f64>,
+    exact_counts2: HashMap<Key, f64>,
+    leading: Vec<(Values, f64)>,
+    least_counts2: f64,
+}
+
+/// The bits of a candidate's numbers.
+type Key = Vec<u64>;
+
+fn key(values: &Values) -> Key {
+    let Values { f, viscous_nm_s_per_rad, coulomb_nm, torque_offset_nm, gain, upper_arm_m } = values;
+    let pairs = [viscous_nm_s_per_rad, coulomb_nm, torque_offset_nm, gain];
+    f.iter().chain(pairs.into_iter().flatten()).chain(upper_arm_m).map(|number| number.to_bits()).collect()
 }
 
 impl<'a> Judge<'a> {
     /// Before the first candidate.
     pub fn new(experiment: &'a Experiment<'a>) -> Self {
-        Self { experiment, best_counts2: f64::INFINITY }
+        Self {
+            experiment,
+            fast_counts2: HashMap::new(),
+            exact_counts2: HashMap::new(),
+            leading: Vec::new(),
+            least_counts2: f64::INFINITY,
+        }
     }
 
-    /// The objective of each candidate, in order; infinite for one that no arm could have.
+    /// The objective of each candidate, in order, within half of 2e-4 of itself; infinite for one that no arm could
+    /// have.
     pub fn objectives_counts2(&mut self, candidates: &[Values]) -> Vec<f64> {
         let experiment = self.experiment;
-        let possible: Vec<usize> =
-            (0..candidates.len()).filter(|&index| acceptable(experiment, &candidates[index])).collect();
-        let plants: Vec<_> = possible.iter().map(|&index| candidates[index].plant(experiment.robot)).collect();
-        let mut judged = experiment.search_objectives_counts2(&plants);
-        // Copies of a candidate are common in a population that converges: one of each is judged again.
-        let least = judged.iter().copied().fold(self.best_counts2, f64::min);
-        let mut leading: Vec<usize> =
-            (0..plants.len()).filter(|&index| judged[index] <= least * (1.0 + DOUBT)).collect();
-        leading.sort_by(|&a, &b| judged[a].total_cmp(&judged[b]));
-        let distinct: Vec<Vec<usize>> =
-            leading.chunk_by(|&a, &b| plants[a] == plants[b]).map(<[usize]>::to_vec).collect();
-        let representatives: Vec<_> = distinct.iter().map(|same| plants[same[0]]).collect();
-        for (same, objective) in distinct.iter().zip(experiment.objectives_counts2(&representatives)) {
-            for &index in same {
-                judged[index] = objective;
+        let keys: Vec<Key> = candidates.iter().map(key).collect();
+        let mut new: Vec<usize> = Vec::new();
+        for (index, candidate) in candidates.iter().enumerate() {
+            if !self.fast_counts2.contains_key(&keys[index]) {
+                // A copy within the call, or what no arm could have, is not simulated.
+                self.fast_counts2.insert(keys[index].clone(), f64::INFINITY);
+                if acceptable(experiment, candidate) {
+                    new.push(index);
+                }
             }
-            self.best_counts2 = self.best_counts2.min(objective);
         }
-        let mut objectives = vec![f64::INFINITY; candidates.len()];
-        for (index, value) in possible.into_iter().zip(judged) {
-            objectives[index] = value;
+        let plants: Vec<_> = new.iter().map(|&index| candidates[index].plant(experiment.robot)).collect();
+        for (&index, objective) in new.iter().zip(experiment.search_objectives_counts2(&plants)) {
+            self.fast_counts2.insert(keys[index].clone(), objective);
+            if objective <= self.least_counts2 * (1.0 + DOUBT) {
+                self.leading.push((candidates[index], objective));
+                self.least_counts2 = self.least_counts2.min(objective);
+            }
         }
-        objectives
+        keys.iter().map(|key| self.fast_counts2[key]).collect()
+    }
+
+    /// The best candidate so far and its objective, both by double precision; the first of several equal ones. None
+    /// before any was judged to a finite objective.
+    pub fn best(&mut self) -> Option<(Values, f64)> {
+        let limit = self.least_counts2 * (1.0 + DOUBT);
+        self.leading.retain(|&(_, objective)| objective <= limit);
+        let leading: Vec<Values> = self.leading.iter().map(|&(values, _)| values).collect();
+        self.judge_exactly(leading.iter().copied());
+        let judged = leading.into_iter().filter_map(|values| Some((values, self.exact_counts2(&values)?)));
+        judged.filter(|(_, objective)| objective.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// Judges candidates in double precision, those not judged so before.
+    fn judge_exactly(&mut self, candidates: impl Iterator<Item = Values>) {
+        let mut new: Vec<(Key, Values)> = Vec::new();
+        for values in candidates {
+            let key = key(&values);
+            if !self.exact_counts2.contains_key(&key) && new.iter().all(|(other, _)| *other != key) {
+                new.push((key, values));
+            }
+        }
+        let plants: Vec<_> = new.iter().map(|(_, values)| values.plant(self.experiment.robot)).collect();
+        let judged = self.experiment.objectives_counts2(&plants);
+        self.exact_counts2.extend(new.into_iter().map(|(key, _)| key).zip(judged));
+    }
+
+    fn exact_counts2(&self, values: &Values) -> Option<f64> {
+        self.exact_counts2.get(&key(values)).copied()
     }
 }
 
