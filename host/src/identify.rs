@@ -32,6 +32,7 @@ use std::time::Instant;
 
 use nalgebra::DMatrix;
 use shared::arm::{ArmError, PARAMETERS};
+use shared::genetic::Coding;
 
 pub use batch::{SEARCH_LANES, instructions};
 pub use certainty::{Direction, LeftOut, Repeats, weak_directions};
@@ -77,6 +78,9 @@ pub struct Options {
     /// compared, so that oscillations the model does not have are left out. For `linear` and `didim` the cut-off of
     /// their own filter.
     pub filter_hz: Option<f64>,
+    /// How the genetic algorithm reads the bits of a gene; each method has its own default: `paper` plain binary, as in
+    /// the paper, `full` Gray.
+    pub coding: Option<Coding>,
     /// Takes every sample as recorded: nothing is mended, nothing cut, no torque offset sought.
     pub as_recorded: bool,
     /// What is known beforehand; parameters that are not sought are left as they are.
@@ -280,6 +284,7 @@ pub fn identify(
         upper_arm_m: options.sought.upper_arm_m,
         seed: options.seed,
         filter_hz: options.filter_hz,
+        coding: options.coding,
         progress,
     };
     let outcome = match options.method {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use armid::calibrate::{Estimate, calibrate};
 use armid::identified_model;
 use armid::identify::{
     Experiment, FrictionMode, Identification, Method, Options, Parameter, Prior, Sought, Values, identify,
@@ -12,9 +13,11 @@ use armid::prior;
 use armid::recording::Recording;
 use armid::robot::{Kind, Law, Robot};
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 use shared::arm::PARAMETERS;
+use shared::genetic::Coding;
 
 use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
 use super::ranges::Verdict;
@@ -43,6 +46,10 @@ pub struct Identify {
     /// With --identify-gain: take no notice of the recorded currents
     #[arg(long, requires = "identify_gain")]
     ignore_current: bool,
+    /// Seek the lead of the position loops too, from the recorded command or current, instead of believing manifest and
+    /// robot file
+    #[arg(long)]
+    identify_lead: bool,
     /// Length of the upper arm in m: f3 and f4 then follow from f5 and f6 (f3 = a3 f5, f4 = a3 f6)
     #[arg(long, value_name = "METRES", value_parser = length)]
     a3: Option<f64>,
@@ -55,6 +62,12 @@ pub struct Identify {
     /// Seed of the genetic algorithm
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// How the genetic algorithm reads the bits of a gene [default: binary with --method paper, gray otherwise]
+    #[arg(long, value_parser = PossibleValuesParser::new(["binary", "gray"]).map(|name| match name.as_str() {
+        "gray" => Coding::Gray,
+        _ => Coding::Binary,
+    }))]
+    coding: Option<Coding>,
     /// Low-pass both the recorded and the simulated signals, without phase, before they are compared: against
     /// oscillations the model does not have, such as those of a flexible joint; in Hz
     #[arg(long, value_name = "HZ")]
@@ -75,10 +88,11 @@ pub struct Identify {
 
 impl Identify {
     pub fn run(&self) -> Result<(), CommandError> {
-        let robot = self.robot.read_for_simulation()?;
+        let mut robot = self.robot.read_for_simulation()?;
         let bounds = self.bounds.as_deref().map(|path| ArmBounds::read(path, &robot)).transpose()?;
-        let recordings = read_recordings(&self.recordings, &robot, self.allow_gaps)?;
-        let held_out = read_recordings(&self.check, &robot, self.allow_gaps)?;
+        let mut recordings = read_recordings(&self.recordings, &robot, self.allow_gaps)?;
+        let mut held_out = read_recordings(&self.check, &robot, self.allow_gaps)?;
+        let lead = self.identify_lead.then(|| seek_lead(&mut robot, &mut recordings, &mut held_out)).transpose()?;
         for recording in recordings.iter().chain(&held_out) {
             recording.check_conditions(&robot).map_err(CommandError::Repeating)?;
             advise_other_gains(recording, &robot);
@@ -96,6 +110,7 @@ impl Identify {
             seed: self.seed,
             priors: self.priors(&robot, &recordings)?,
             filter_hz: self.filter,
+            coding: self.coding,
             as_recorded: self.as_recorded,
         };
         let found = with_progress(&robot, &recordings, &held_out, &options)?;
@@ -107,6 +122,7 @@ impl Identify {
         }
         if self.json {
             let mut object = to_json(&robot, &found, &model, self.seed);
+            object["lead"] = json!(lead);
             object["feasible"] = feasible.map_or(Value::Null, |feasible| feasible.to_json());
             return print_json(&object);
         }
@@ -123,6 +139,33 @@ impl Identify {
         }
         Ok(priors)
     }
+}
+
+/// The leads that the recordings were made with, by `calibrate`, put in place of those noted and those of the robot file.
+fn seek_lead(
+    robot: &mut Robot,
+    recordings: &mut [Recording],
+    held_out: &mut [Recording],
+) -> Result<Vec<Option<Estimate>>, CommandError> {
+    let found: Vec<Option<Estimate>> = calibrate(robot, recordings)?.into_iter().map(|joint| joint.lead).collect();
+    let value = |lead: &Option<Estimate>| lead.as_ref().map_or(0.0, |lead| lead.value);
+    for (joint, lead) in robot.joints.iter_mut().zip(&found) {
+        if let Law::Proportional(position_loop) = &mut joint.law {
+            position_loop.lead = value(lead);
+        }
+        advise(match lead {
+            Some(lead) => {
+                format!("joint {}: lead of {:.3} ± {:.3} ticks", joint.name, lead.value, lead.standard_error)
+            }
+            None => format!("joint {}: no lead that can be told from none", joint.name),
+        });
+    }
+    for manifest in recordings.iter_mut().chain(held_out).filter_map(|recording| recording.manifest.as_mut()) {
+        for (noted, lead) in manifest.joint.iter_mut().zip(&found) {
+            noted.lead = value(lead);
+        }
+    }
+    Ok(found)
 }
 
 /// Tells that a recording is repeated with other gains than the robot file's.

@@ -57,6 +57,29 @@ fn calibrate_tells_gain_and_disagreement() {
     assert!((found.gain_a_per_count - 0.036).abs() < 1e-4);
 }
 
+/// Neither the manifest nor the robot file knows of the lead that the recording was made with.
+#[test]
+fn a_lead_is_sought_with_f() {
+    let bench = Bench::new();
+    let mut robot = armid::robot::Robot::paper();
+    for joint in &mut robot.joints {
+        if let armid::robot::Law::Proportional(position_loop) = &mut joint.law {
+            position_loop.lead = 0.4;
+        }
+    }
+    robot.write(&bench.path("leading.toml")).unwrap();
+    bench.done("simulate --robot leading.toml --settle 0.5 --out run.csv");
+    bench.spoil("run.toml", "run.toml", |text| text.replace("lead = 0.4", "lead = 0.0"));
+    let gap = |found: &serde_json::Value| found["rms_counts"][0].as_f64().unwrap();
+    let without = bench.json("identify run.csv");
+    let with = bench.json("identify run.csv --identify-lead");
+    for joint in 0..2 {
+        let lead = with["lead"][joint]["value"].as_f64().unwrap();
+        assert!((lead - 0.4).abs() < 0.02, "{lead}");
+    }
+    assert!(gap(&with) < 0.6 && gap(&without) > 2.0 * gap(&with), "{} {}", gap(&with), gap(&without));
+}
+
 #[test]
 fn demo_shows_the_whole_chain() {
     let bench = Bench::new();

@@ -1,5 +1,6 @@
 //! `armid bench ga`: how surely and how fast the genetic algorithm finds the minimum of the paper's objective, beside
-//! differential evolution and CMA-ES, on the raw signals and up the filter ladder 8, 12, 15 Hz, raw.
+//! differential evolution and CMA-ES, on the raw signals and up the filter ladder 8, 12, 15 Hz, raw; and beside what
+//! `armid identify` does by default, which needs no search ranges but simulates sensitivities as well.
 //!
 //! One simulated robot in the default loop, the paper's movement; f1..f9 sought, friction known. Every search may judge
 //! the same number of candidates. It has succeeded when the root mean square difference is within 1.05 of the best that
@@ -12,7 +13,7 @@ mod random;
 
 use armid::client::{Client, Pose};
 use armid::hidden_robot::HiddenRobot;
-use armid::identify::{Experiment, Judge, Parameter, Values, acceptable};
+use armid::identify::{Experiment, FrictionMode, Judge, Options, Parameter, Sought, Values, acceptable, identify};
 use armid::link::SimulatedBoard;
 use armid::recording::Mode;
 use armid::robot::Robot;
@@ -136,7 +137,7 @@ impl Ga {
         }
 
         let searchers = searchers();
-        let bar = progress::bar("bench ga", 2 * searchers.len() as u64 * self.seeds);
+        let bar = progress::bar("bench ga", (2 * searchers.len() as u64 + 1) * self.seeds);
         let mut outcomes = Vec::new();
         for ladder in [false, true] {
             for (name, searcher) in &searchers {
@@ -151,6 +152,16 @@ impl Ga {
                 outcomes.push(Outcome { name: format!("{name}{ladder}"), courses });
             }
         }
+        let sought = Sought { friction: FrictionMode::Known, ..Sought::default() };
+        let courses = (self.seed..self.seed + self.seeds)
+            .map(|seed| {
+                let options = Options { sought, seed, ..Options::default() };
+                let found = identify(&robot, std::slice::from_ref(&recording), &[], &options, &|_| ())?;
+                bar.inc(1);
+                Ok(vec![(found.evaluations, found.objective_counts2)])
+            })
+            .collect::<Result<Vec<_>, CommandError>>()?;
+        outcomes.push(Outcome { name: "armid identify, from no guess at all".into(), courses });
         bar.finish_and_clear();
         let found = outcomes.iter().flat_map(Outcome::finals);
         let best_counts2 = found.fold(experiment.objective_counts2(&known), f64::min);
