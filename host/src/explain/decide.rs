@@ -2,6 +2,7 @@
 
 use super::engine::{Engine, Fitted, Free};
 use super::held_out::adapted;
+use super::hypothesis::Hypothesis;
 use super::library::{Instance, kind};
 use super::linear::{Base, Column};
 use super::noise::{self, Noise};
@@ -15,7 +16,14 @@ const MOST_EFFECTS: usize = 5;
 const CONFIRMED: usize = 5;
 /// Beyond those, candidates that look like one of them.
 const ALIKE: f64 = 0.9;
-const CONFIRMED_AT_MOST: usize = 8;
+const ALIKE_AT_MOST: usize = 3;
+/// Candidates refitted beside those, while the gap is [`FAR`] from the floor: those that explain most of it in counts.
+const PLAINLY: usize = 2;
+const FAR: f64 = 1.5;
+/// How many such shortlists are gone through until something brings the model nearer.
+const SHORTLISTS: usize = 3;
+/// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm.
+const WORSE: f64 = 1.02;
 /// A score must beat the largest of the null simulations by this factor and this much.
 const MARGIN_FACTOR: f64 = 1.25;
 const MARGIN: f64 = 10.0;
@@ -128,7 +136,7 @@ impl Case<'_> {
         let train = &self.train;
         let rows = train.setting.rows;
         (self.progress)("refitting the baseline");
-        let start = super::hypothesis::Hypothesis::baseline(train.baseline, known);
+        let start = Hypothesis::baseline(train.baseline, known);
         let baseline_innovations = train.innovations(&start);
         let before = train.gap(&baseline_innovations);
         let flat: Noise = rows.white_power(&baseline_innovations).map(|power| {
@@ -145,6 +153,7 @@ impl Case<'_> {
         let mut null_innovations = Columns::new();
         let (mut null_score, mut threshold) = (0.0, f64::INFINITY);
         let white: Noise = flat;
+        let mut most_gap = f64::INFINITY;
         for round in 0..=MOST_EFFECTS {
             let innovations = train.innovations(&current.hypothesis);
             if round > 0 && train.gap(&innovations) <= ENOUGH * train.floor(&white) {
@@ -155,7 +164,8 @@ impl Case<'_> {
             let stage = train.stage(&current, &innovations);
             (self.progress)("screening the library");
             let features = screen::features(&stage, &train.weights(&noise));
-            noise = screen::cleaned_noise(&stage, &features, CLEANING, CLEANED);
+            let cleaned = screen::cleaned_noise(&stage, &features, CLEANING, CLEANED);
+            noise = train.plausible(&cleaned, MOST_TORQUE_NOISE);
             let weights = train.weights(&noise);
             // The same model under the weights that everything is judged by.
             if let Some(again) = train.refit(&current.hypothesis, &weights, &current.columns, Free::All, 2) {
@@ -182,11 +192,48 @@ impl Case<'_> {
             let (precisions, offsets) = screen::priors(&stage);
             let base = Base::new(&current.columns, &current.residual, &weights, &precisions, &offsets);
             let scored = screen::score(&base, &features, rows.count());
-            let starts = shortlist(&base, &features, &scored, threshold, &weights);
+            // Far from the floor the noise says little about what is wrong; what the arm does in counts says more.
+            let gap = train.gap(&innovations);
+            let mut leading: Vec<&Scored> = Vec::new();
+            if gap > FAR * floor {
+                let plain = train.weights(&[noise::JointNoise::white(gap * gap); 2]);
+                let base = Base::new(&current.columns, &current.residual, &plain, &precisions, &offsets);
+                let kind = |one: &Scored| (features[one.feature].kind.name, features[one.feature].joint);
+                for one in screen::score(&base, &features, rows.count()) {
+                    if leading.len() == PLAINLY || one.delta_bic <= 0.0 {
+                        break;
+                    }
+                    if leading.iter().all(|other| kind(other) != kind(&one)) {
+                        leading.extend(scored.iter().find(|other| kind(other) == kind(&one)));
+                    }
+                }
+            }
+            let most = CONFIRMED + leading.len();
+            let scored: Vec<&Scored> = leading.into_iter().chain(&scored).collect();
             (self.progress)("refitting what leads");
-            let confirmed = self.confirm(&current, starts, &weights, round == 0);
+            if round == 0 {
+                let reached = self.judging_gap(&current.hypothesis).min(self.judging_gap(&start));
+                // Near the floor the gap hardly tells; far from it an effect that does not narrow it explains nothing.
+                most_gap = reached * if gap > FAR * floor { 1.0 - SAME_GAP } else { WORSE };
+            }
+            let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
+            for _ in 0..SHORTLISTS {
+                let starts = shortlist(&base, &features, &scored, threshold, &weights, &confirmed, most);
+                if starts.is_empty() {
+                    break;
+                }
+                let tried = self.confirm(&current, starts, &weights, round == 0);
+                rivals.extend(tried.iter().map(|(rival, _)| rival.clone()));
+                confirmed.extend(tried);
+                confirmed.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
+                // What lies further down is looked at only where nothing that leads brings the model nearer.
+                if confirmed.iter().any(|(rival, _)| rival.delta_bic >= threshold && rival.held_out_gap <= most_gap) {
+                    break;
+                }
+            }
+            // An effect may weigh more where the noise is small and still lead the model away from the motion.
+            confirmed.retain(|(rival, _)| rival.held_out_gap <= most_gap);
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
-            rivals.extend(confirmed.iter().map(|(rival, _)| rival.clone()));
             if best.delta_bic < threshold {
                 break;
             }
@@ -252,14 +299,17 @@ impl Case<'_> {
         }
         confirmed.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
         for (rival, fitted) in &mut confirmed {
-            rival.held_out_gap = match &self.check {
-                Some(check) => {
-                    check.gap(&check.innovations(&adapted(check, &fitted.hypothesis, &check_weights(check))))
-                }
-                None => train.gap(&train.innovations(&fitted.hypothesis)),
-            };
+            rival.held_out_gap = self.judging_gap(&fitted.hypothesis);
         }
         confirmed
+    }
+
+    /// The gap on the recordings kept back, or on those fitted without any.
+    fn judging_gap(&self, hypothesis: &Hypothesis) -> f64 {
+        match &self.check {
+            Some(check) => check.gap(&check.innovations(&adapted(check, hypothesis, &check_weights(check)))),
+            None => self.train.gap(&self.train.innovations(hypothesis)),
+        }
     }
 
     /// Drops accepted effects that the later ones have made superfluous.
@@ -297,7 +347,7 @@ impl Case<'_> {
     #[expect(clippy::too_many_arguments, reason = "everything the rounds have found")]
     fn verdict(
         &self,
-        start: super::hypothesis::Hypothesis,
+        start: Hypothesis,
         null: Fitted,
         null_innovations: Columns,
         baseline_innovations: Columns,
@@ -397,8 +447,20 @@ fn check_weights(check: &Engine) -> Vec<f64> {
 }
 
 /// The effects to refit: the best start of each of the leading ones, two of those whose refits get stuck, and what looks
-/// like one of them.
-fn shortlist(base: &Base, features: &[Feature], scored: &[Scored], threshold: f64, weights: &[f64]) -> Vec<Instance> {
+/// like one of them; without those `tried` before.
+fn shortlist(
+    base: &Base,
+    features: &[Feature],
+    scored: &[&Scored],
+    threshold: f64,
+    weights: &[f64],
+    tried: &[(Rival, Fitted)],
+    most: usize,
+) -> Vec<Instance> {
+    let is_tried = |feature: &Feature| {
+        let same = |instance: &Instance| instance.kind.name == feature.kind.name && instance.joint == feature.joint;
+        tried.iter().any(|(rival, _)| same(&rival.instance))
+    };
     let coefficients = |scored: &Scored| {
         let from = scored.fit.coefficients.len() - features[scored.feature].columns.len();
         scored.fit.coefficients[from..].to_vec()
@@ -412,6 +474,9 @@ fn shortlist(base: &Base, features: &[Feature], scored: &[Scored], threshold: f6
             break;
         }
         let feature = &features[one.feature];
+        if is_tried(feature) {
+            continue;
+        }
         let stuck = matches!(feature.kind.name, "backlash" | "joint-flexibility");
         let key = kinds.iter_mut().find(|(name, joint, _)| *name == feature.kind.name && *joint == feature.joint);
         match key {
@@ -419,9 +484,9 @@ fn shortlist(base: &Base, features: &[Feature], scored: &[Scored], threshold: f6
             Some((_, _, count)) => *count += 1,
             None => {
                 let shape = explanation(base, feature, one);
-                if kinds.len() >= CONFIRMED {
+                if kinds.len() >= most {
                     let alike = explained.iter().any(|other| correlation(other, &shape, weights) > ALIKE);
-                    if !alike || kinds.len() >= CONFIRMED_AT_MOST {
+                    if !alike || kinds.len() >= most + ALIKE_AT_MOST {
                         continue;
                     }
                 }

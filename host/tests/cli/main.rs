@@ -118,6 +118,21 @@ fn a_real_axis_is_identified() {
     assert!(numbers(&found["force_gap_rms"])[0] <= 2.45, "{}", found["force_gap_rms"]);
 }
 
+/// What the published structure of that axis lacks, beginning with what its makers suspect.
+#[test]
+fn a_real_axis_is_explained() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/emps");
+    if !folder.is_dir() {
+        eprintln!("skipped: {} is not there", folder.display());
+        return;
+    }
+    let bench = Bench::new();
+    let found = bench.json(&format!("explain --robot {0}/robot.toml {0}/identification.csv", folder.display()));
+    assert_eq!(found["effects"][0]["name"], "asymmetric-viscous-friction", "{}", found["effects"]);
+    let [before, after] = numbers(&found["force_gap_rms"])[..] else { panic!("{}", found["force_gap_rms"]) };
+    assert!(before > 2.4 && after <= 1.2, "{before} {after}");
+}
+
 #[test]
 fn results_never_destroy_what_they_are_made_of() {
     let bench = Bench::new().with_recording();

@@ -164,8 +164,9 @@ impl Ga {
         outcomes.push(Outcome { name: "armid identify, from no guess at all".into(), courses });
         bar.finish_and_clear();
         let found = outcomes.iter().flat_map(Outcome::finals);
-        let best_counts2 = found.fold(experiment.objective_counts2(&known), f64::min);
-        self.report(&outcomes, best_counts2, experiment.samples())
+        let truth_counts2 = experiment.objective_counts2(&known);
+        let best_counts2 = found.fold(truth_counts2, f64::min);
+        self.report(&outcomes, [best_counts2, truth_counts2], experiment.samples())
     }
 
     /// The course of one search.
@@ -220,7 +221,12 @@ impl Ga {
         Ok(course)
     }
 
-    fn report(&self, outcomes: &[Outcome], best_counts2: f64, samples: usize) -> Result<(), CommandError> {
+    fn report(
+        &self,
+        outcomes: &[Outcome],
+        [best_counts2, truth_counts2]: [f64; 2],
+        samples: usize,
+    ) -> Result<(), CommandError> {
         let target_counts2 = FOUND * FOUND * best_counts2;
         let rms = |objective: f64| (objective / (2 * samples) as f64).sqrt();
         if self.json {
@@ -239,6 +245,7 @@ impl Ga {
                 "evaluations": self.evaluations,
                 "around": self.around,
                 "best_rms_counts": rms(best_counts2),
+                "true_rms_counts": rms(truth_counts2),
                 "searches": outcomes.iter().map(of).collect::<Vec<_>>(),
             }));
         }
@@ -255,9 +262,10 @@ impl Ga {
         }
         lines.push(format!(
             "Success: within {FOUND} of the best known difference, {:.3} counts rms. Evaluations: candidates judged until \
-             then, the median of the searches that succeeded. Counts rms: what a search ends at, the median. {} searches \
-             of {} candidates each.",
+             then, the median of the searches that succeeded. Counts rms: what a search ends at, the median; the \
+             true values leave {:.3}, so that less is luck with the ringing. {} searches of {} candidates each.",
             rms(best_counts2),
+            rms(truth_counts2),
             self.seeds,
             self.evaluations
         ));
