@@ -122,7 +122,7 @@ const DOUBT: f64 = 2e-4;
 
 /// Judges the candidates of one search: fast while it runs, and exactly what may become its result.
 ///
-/// Single precision orders the population. Everything that it finds within [`DOUBT`] of the best is kept, and in the end
+/// Single precision orders the population. Everything that it finds within 2e-4 of the best is kept, and in the end
 /// judged again in double precision. What came before, as copies that selection makes do, is not simulated again.
 pub struct Judge<'a> {
     experiment: &'a Experiment<'a>,
@@ -153,7 +153,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// The objective of each candidate, in order, within half of 2e-4 of itself; infinite for one that no arm could
+    /// The objective of each candidate, in order, within a relative 1e-4; infinite for one that no arm could
     /// have.
     pub fn objectives_counts2(&mut self, candidates: &[Values]) -> Vec<f64> {
         let experiment = self.experiment;
