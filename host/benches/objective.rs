@@ -47,7 +47,7 @@ fn objective(criterion: &mut Criterion) {
     let experiment = Experiment::new(&robot, std::slice::from_ref(&recording)).unwrap();
 
     let mut group = criterion.benchmark_group("samples");
-    for period_s in [3.0, 5.0, 8.0] {
+    for period_s in [3.65, 5.0, 7.0] {
         let recording = record(&robot, period_s);
         let experiment = Experiment::new(&robot, std::slice::from_ref(&recording)).unwrap();
         let plants = plants(&robot, 4 * SEARCH_LANES);
