@@ -10,6 +10,7 @@
 //! Everything is decided on innovations (see [`shared::replay`]): what the model did not foresee under the recorded
 //! command. At the true parameters they are the rounding of the encoder and the robot's own torque noise.
 
+mod agreement;
 mod audit;
 mod curves;
 mod decide;
@@ -28,19 +29,22 @@ mod response;
 mod rows;
 mod scan;
 mod screen;
+mod sentences;
+mod shortlist;
 mod simulate;
 mod threshold;
 mod trace;
+mod verdict;
 
 #[cfg(test)]
 mod tests;
 
 pub use audit::AuditError;
 pub use curves::Curve;
-pub use decide::Verdict;
 pub use findings::{BeforeAfter, Candidate, Explanation, Finding, FoundParameter, Gap};
 pub use next::NextTrajectory;
 pub use report::{Line, Picture};
+pub use verdict::Verdict;
 
 use crate::identify::{self, Experiment, IdentifyError, Parameter, Values};
 use crate::model::Model;
@@ -145,6 +149,16 @@ pub fn explain(
     let decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
     progress("writing down what was found");
     let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
+    if explanation.verdict == Verdict::Unknown
+        && agreement::only_each_by_itself(robot, &all, &baseline, &decision.noise, decision.floor)
+    {
+        explanation.recordings_disagree = true;
+        explanation.sentences.push(
+            "each recording by itself is explained by base parameters of its own, all of them together are not: they are \
+             of different robots, or load or friction changed in between; explain recordings of one robot in one state"
+                .into(),
+        );
+    }
     if options.design_next {
         progress("looking for the next movement");
         explanation.next_trajectory = findings::next(&case, &decision, &explanation);

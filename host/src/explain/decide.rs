@@ -1,22 +1,21 @@
-//! Round by round: screen the library, refit what leads, take the best, look at all again; and in the end a verdict.
+//! Round by round: screen the library, refit what leads, take the best, look at all again.
 
 use super::engine::{Engine, Fitted, Free};
 use super::held_out::adapted;
 use super::hypothesis::Hypothesis;
-use super::library::{Instance, kind};
-use super::linear::{Base, Column};
+use super::library::Instance;
+use super::linear::Base;
 use super::noise::{self, Noise};
-use super::screen::{self, Feature, Scored};
+use super::screen::{self, Scored};
+use super::shortlist::{SAME_GAP, class, shortlist};
 use super::threshold::null_scores;
+use super::verdict::{Decision, Rounds, priors_complain};
 use crate::identify::Columns;
 
 /// Effects that are looked for at most.
 const MOST_EFFECTS: usize = 5;
 /// Candidates of one round that are refitted.
 const CONFIRMED: usize = 5;
-/// Beyond those, candidates that look like one of them.
-const ALIKE: f64 = 0.9;
-const ALIKE_AT_MOST: usize = 3;
 /// Candidates refitted beside those, while the gap is [`FAR`] from the floor: those that explain most of it in counts.
 const PLAINLY: usize = 2;
 const FAR: f64 = 1.5;
@@ -30,26 +29,19 @@ const MARGIN: f64 = 10.0;
 /// Features are taken out of the noise estimate from this score on.
 const CLEANING: f64 = 12.0;
 const CLEANED: usize = 6;
-/// No robot's unknown torque is larger than this share of its Coulomb friction: what is larger is an effect.
-pub const MOST_TORQUE_NOISE: f64 = 0.035;
-/// Within this factor of the floor a gap is closed.
-pub const CLOSED: f64 = 1.1;
-/// Effects that are named together at most: with enough of them anything can be imitated.
-const MOST_NAMED: usize = 2;
-/// Share of the excess of the recordings kept back from which effects foretell them well.
-const FORETOLD: f64 = 0.9;
-/// Recordings kept back are closed within this factor: they have nothing fitted to them.
-const HELD_OUT_CLOSED: f64 = 1.25;
+/// While effects are looked for no unknown torque is taken for larger than this share of the Coulomb friction: weighing by
+/// a noise that is too small brings out the small faults that every model has.
+const MOST_TORQUE_NOISE: f64 = 0.035;
 /// While the gap is this close to the floor nothing more is looked for.
 const ENOUGH: f64 = 1.02;
-/// Effects together explain at least this share of the excess to be named, and this much to be named in part.
-const NAMED_SHARE: f64 = 0.75;
-const PARTIAL_SHARE: f64 = 0.5;
-/// Candidates within this ΔBIC and this share of the gap are not told apart.
-const SAME_BIC: f64 = 6.0;
-const SAME_GAP: f64 = 0.03;
-/// Members of a class at most.
-const CLASS: usize = 3;
+/// Where the gap is closed this far, one more effect has to bring this share of what the ones before brought: every
+/// model is a little wrong, and what that leaves always resembles something.
+const NEARLY_CLOSED: f64 = 1.05;
+const MORE: f64 = 0.01;
+/// How often noise and model are found anew from each other after an effect is taken.
+const TURNS: usize = 3;
+/// A refit that widens the gap by this factor has gone astray.
+const ASTRAY: f64 = 1.1;
 
 /// A candidate that was refitted.
 #[derive(Clone, Debug)]
@@ -73,49 +65,6 @@ pub struct Accepted {
     pub class: Vec<&'static str>,
     /// Its score when it was taken.
     pub delta_bic: f64,
-}
-
-/// The verdicts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// The effects explain what was wrong.
-    Named,
-    /// Nothing is wrong.
-    None,
-    /// Something is wrong that no effect of the library explains.
-    Unknown,
-    /// The effects explain part of it.
-    Partial,
-}
-
-/// Where the rounds ended.
-pub struct Decision {
-    /// The verdict.
-    pub verdict: Verdict,
-    /// The final model.
-    pub fitted: Fitted,
-    /// What it was named by, in the order of acceptance.
-    pub accepted: Vec<Accepted>,
-    /// Everything refitted on the way.
-    pub rivals: Vec<Rival>,
-    /// Noise of the recordings.
-    pub noise: Noise,
-    /// Innovations of baseline, null refit and final model.
-    pub innovations: [Columns; 3],
-    /// Largest null score, and the threshold made of it.
-    pub null_score: f64,
-    /// See above.
-    pub threshold: f64,
-    /// Gaps in counts rms: floor, of the baseline, of the final model.
-    pub floor: f64,
-    /// Of the baseline as given.
-    pub before: f64,
-    /// Of the final model.
-    pub after: f64,
-    /// On the recordings kept back: of the baseline as given and of the final model.
-    pub held_out: Option<[f64; 2]>,
-    /// Share of the excess χ² that the effects explain.
-    pub share: f64,
 }
 
 /// What an explanation works on.
@@ -156,7 +105,8 @@ impl Case<'_> {
         let mut most_gap = f64::INFINITY;
         for round in 0..=MOST_EFFECTS {
             let innovations = train.innovations(&current.hypothesis);
-            if round > 0 && train.gap(&innovations) <= ENOUGH * train.floor(&white) {
+            let settled = round > 0 && !priors_complain(train, &current.hypothesis);
+            if settled && train.gap(&innovations) <= ENOUGH * train.floor(&white) {
                 // Nothing but rounding is left: no noise either.
                 noise = noise::most_likely(rows, &current.residual.motion, white.map(|n| n.white_counts2), 6.0);
                 break;
@@ -184,9 +134,6 @@ impl Case<'_> {
                 break;
             }
             let floor = train.floor(&train.plausible(&noise, MOST_TORQUE_NOISE));
-            if round > 0 && train.gap(&innovations) <= ENOUGH * floor {
-                break;
-            }
             let innovations = train.innovations(&current.hypothesis);
             let stage = train.stage(&current, &innovations);
             let (precisions, offsets) = screen::priors(&stage);
@@ -237,6 +184,12 @@ impl Case<'_> {
             if best.delta_bic < threshold {
                 break;
             }
+            let brought: f64 = accepted.iter().map(|accepted| accepted.delta_bic).sum();
+            let nearly_closed =
+                gap <= NEARLY_CLOSED * floor && self.judging_gap(&current.hypothesis) <= NEARLY_CLOSED * floor;
+            if settled && nearly_closed && best.delta_bic < MORE * brought {
+                break;
+            }
             let class = class(&confirmed);
             accepted.push(Accepted {
                 name: best.instance.kind.name,
@@ -245,22 +198,46 @@ impl Case<'_> {
                 delta_bic: best.delta_bic,
             });
             // Everything once more, nothing taken from before.
-            current = train.refit(&best_fitted.hypothesis, &weights, &[], Free::All, 4).unwrap_or(best_fitted);
-            self.take_back(&mut current, &mut accepted, known.len(), &weights, threshold);
+            let (fitted, less_noise) = self.settle(best_fitted, noise);
+            (current, noise) = (fitted, less_noise);
+            self.take_back(&mut current, &mut accepted, known.len(), &train.weights(&noise), threshold);
         }
-        let null = null?;
-        Some(self.verdict(
+        let rounds = Rounds {
             start,
-            null,
+            null: null?,
             null_innovations,
             baseline_innovations,
-            current,
+            fitted: current,
             accepted,
             rivals,
             noise,
             before,
-            (null_score, threshold),
-        ))
+            scores: [null_score, threshold],
+        };
+        Some(self.judge(rounds))
+    }
+
+    /// A model with an effect just taken, refitted, with the noise that is left: what was there before the effect was
+    /// known may have been taken for noise.
+    fn settle(&self, mut fitted: Fitted, mut noise: Noise) -> (Fitted, Noise) {
+        let train = &self.train;
+        for _ in 0..TURNS {
+            let white = noise.map(|joint| joint.white_counts2);
+            let left = noise::most_likely(train.setting.rows, &fitted.residual.motion, white, 6.0);
+            let less = train.floor(&left) < train.floor(&noise);
+            if less {
+                noise = left;
+            }
+            let gap = |fitted: &Fitted| train.gap(&train.innovations(&fitted.hypothesis));
+            match train.refit(&fitted.hypothesis, &train.weights(&noise), &[], Free::All, 4) {
+                Some(again) if gap(&again) <= ASTRAY * gap(&fitted) => fitted = again,
+                _ => break,
+            }
+            if !less {
+                break;
+            }
+        }
+        (fitted, noise)
     }
 
     /// Refits the shortlisted effects beside `current`, best first.
@@ -286,6 +263,9 @@ impl Case<'_> {
                 continue;
             };
             let Some(instance) = fitted.hypothesis.named.last().cloned() else { continue };
+            if !instance.can_be() {
+                continue;
+            }
             let parameters = instance.flat().len() as f64;
             let delta_bic = current.cost - fitted.cost - parameters * penalty;
             let key = (instance.kind.name, instance.joint);
@@ -343,85 +323,6 @@ impl Case<'_> {
             }
         }
     }
-
-    #[expect(clippy::too_many_arguments, reason = "everything the rounds have found")]
-    fn verdict(
-        &self,
-        start: Hypothesis,
-        null: Fitted,
-        null_innovations: Columns,
-        baseline_innovations: Columns,
-        fitted: Fitted,
-        accepted: Vec<Accepted>,
-        rivals: Vec<Rival>,
-        noise: Noise,
-        before: f64,
-        (null_score, threshold): (f64, f64),
-    ) -> Decision {
-        let train = &self.train;
-        let plausible = train.plausible(&noise, MOST_TORQUE_NOISE);
-        let weights = train.weights(&plausible);
-        let mut floor = train.floor(&plausible);
-        let final_innovations = train.innovations(&fitted.hypothesis);
-        let after = train.gap(&final_innovations);
-        let mut held_out = None;
-        let mut foretold = share_unknown();
-        if let Some(check) = &self.check {
-            let weights = check.weights(&plausible);
-            let best = adapted(check, &fitted.hypothesis, &weights);
-            let first = adapted(check, &start, &weights);
-            let best_innovations = check.innovations(&best);
-            held_out = Some([check.gap(&check.innovations(&first)), check.gap(&best_innovations)]);
-            // A few seconds of slow noise are louder or quieter by chance: the floor is that of the louder recordings,
-            // as far as it can be noise at all.
-            let rows = check.setting.rows.of(&best_innovations);
-            let own = noise::most_likely(check.setting.rows, &rows, plausible.map(|n| n.white_counts2), 0.0);
-            floor = floor.max(check.floor(&check.plausible(&own, MOST_TORQUE_NOISE)));
-            // What the effects bring beyond base parameters alone, where nothing was fitted.
-            let alone = check.gap(&check.innovations(&adapted(check, &null.hypothesis, &weights)));
-            let after = check.gap(&best_innovations);
-            let excess = alone * alone - floor * floor;
-            foretold = if excess > 0.0 { (alone * alone - after * after) / excess } else { 1.0 };
-        }
-        // What noise like this leaves of χ².
-        let current = |fitted: &Fitted| fitted.residual.current.iter().map(|x| x * x).sum::<f64>();
-        let expected = train.setting.rows.count() as f64 + current(&fitted).min(current(&null));
-        let (null_cost, final_cost) = (train.cost(&null, &weights), train.cost(&fitted, &weights));
-        let excess = null_cost - expected.min(final_cost);
-        let share = if excess > 0.0 { ((null_cost - final_cost) / excess).clamp(0.0, 1.0) } else { 0.0 };
-        let prior_cost = train.prior_cost(&fitted.hypothesis);
-        let known = train.baseline.standard_error.iter().filter(|error| error.is_finite()).count() as f64;
-        let priors_complain = prior_cost > known + 10.0 * (2.0 * known).sqrt();
-        let gap_complains = after > CLOSED * floor;
-        let closes = held_out_agrees(held_out, floor)
-            && (!gap_complains || (accepted.len() == 1 && foretold >= FORETOLD && after <= HELD_OUT_CLOSED * floor));
-        let verdict = if accepted.is_empty() {
-            if gap_complains || priors_complain { Verdict::Unknown } else { Verdict::None }
-        } else if share >= NAMED_SHARE && closes && accepted.len() <= MOST_NAMED {
-            Verdict::Named
-        } else if share >= PARTIAL_SHARE
-            && foretold >= if accepted.len() <= MOST_NAMED { PARTIAL_SHARE } else { FORETOLD }
-        {
-            Verdict::Partial
-        } else {
-            Verdict::Unknown
-        };
-        Decision {
-            verdict,
-            fitted,
-            accepted,
-            rivals,
-            noise: plausible,
-            innovations: [baseline_innovations, null_innovations, final_innovations],
-            null_score,
-            threshold,
-            floor,
-            before,
-            after,
-            held_out,
-            share,
-        }
-    }
 }
 
 /// The largest of the null scores but for two: a simulated start that happens to stick far off is no measure of chance.
@@ -430,106 +331,8 @@ fn largest_but_outliers(mut scores: Vec<f64>) -> f64 {
     scores.get(2).copied().unwrap_or(0.0).max(0.0)
 }
 
-/// Without recordings kept back nothing speaks against the effects.
-fn share_unknown() -> f64 {
-    1.0
-}
-
-/// Whether the recordings kept back are closed as well, or nearly, and no worse than with the baseline.
-fn held_out_agrees(held_out: Option<[f64; 2]>, floor: f64) -> bool {
-    held_out.is_none_or(|[before, after]| after <= HELD_OUT_CLOSED * floor && after <= before.max(CLOSED * floor))
-}
-
 /// Weights that phases and instants of other recordings are found by.
 fn check_weights(check: &Engine) -> Vec<f64> {
     let rounding = if check.setting.experiment.robot.quantised { 1.0 / 12.0 } else { 1.0 };
     check.weights(&[noise::JointNoise::white(rounding); 2])
-}
-
-/// The effects to refit: the best start of each of the leading ones, two of those whose refits get stuck, and what looks
-/// like one of them; without those `tried` before.
-fn shortlist(
-    base: &Base,
-    features: &[Feature],
-    scored: &[&Scored],
-    threshold: f64,
-    weights: &[f64],
-    tried: &[(Rival, Fitted)],
-    most: usize,
-) -> Vec<Instance> {
-    let is_tried = |feature: &Feature| {
-        let same = |instance: &Instance| instance.kind.name == feature.kind.name && instance.joint == feature.joint;
-        tried.iter().any(|(rival, _)| same(&rival.instance))
-    };
-    let coefficients = |scored: &Scored| {
-        let from = scored.fit.coefficients.len() - features[scored.feature].columns.len();
-        scored.fit.coefficients[from..].to_vec()
-    };
-    let mut starts: Vec<Instance> = Vec::new();
-    let mut kinds: Vec<(&'static str, usize, usize)> = Vec::new();
-    let mut explained: Vec<Vec<f64>> = Vec::new();
-    for one in scored {
-        // Refits gain on the screen where an effect is not proportional, but not without bounds.
-        if one.delta_bic < 0.5 * threshold.min(2.0 * MARGIN) {
-            break;
-        }
-        let feature = &features[one.feature];
-        if is_tried(feature) {
-            continue;
-        }
-        let stuck = matches!(feature.kind.name, "backlash" | "joint-flexibility");
-        let key = kinds.iter_mut().find(|(name, joint, _)| *name == feature.kind.name && *joint == feature.joint);
-        match key {
-            Some((_, _, count)) if *count >= if stuck { 3 } else { 1 } => continue,
-            Some((_, _, count)) => *count += 1,
-            None => {
-                let shape = explanation(base, feature, one);
-                if kinds.len() >= most {
-                    let alike = explained.iter().any(|other| correlation(other, &shape, weights) > ALIKE);
-                    if !alike || kinds.len() >= most + ALIKE_AT_MOST {
-                        continue;
-                    }
-                }
-                kinds.push((feature.kind.name, feature.joint, 1));
-                explained.push(shape);
-            }
-        }
-        if let Some(instance) = feature.instance(&coefficients(one)) {
-            starts.push(instance);
-        }
-    }
-    starts
-}
-
-/// What a feature explains of the residual: the fit's columns together, base included.
-fn explanation(base: &Base, feature: &Feature, scored: &Scored) -> Vec<f64> {
-    let columns: Vec<&Column> = feature.columns.iter().collect();
-    let without = base.left(&base.alone(), &[]);
-    let with = base.left(&scored.fit, &columns);
-    without.iter().zip(&with).map(|(a, b)| a - b).collect()
-}
-
-fn correlation(a: &[f64], b: &[f64], weights: &[f64]) -> f64 {
-    use super::linear::inner;
-    inner(a, b, weights) / (inner(a, a, weights) * inner(b, b, weights)).sqrt().max(f64::MIN_POSITIVE)
-}
-
-/// The names that cannot be told from the best candidate, its own first.
-fn class(confirmed: &[(Rival, Fitted)]) -> Vec<&'static str> {
-    let Some((best, _)) = confirmed.first() else { return Vec::new() };
-    let mut class = vec![best.instance.kind.name];
-    for name in best.instance.kind.equivalent {
-        if !class.contains(name) && kind(name).is_some() {
-            class.push(name);
-        }
-    }
-    for (rival, _) in &confirmed[1..] {
-        let near = best.delta_bic - rival.delta_bic <= SAME_BIC
-            && (rival.held_out_gap - best.held_out_gap).abs() <= SAME_GAP * best.held_out_gap;
-        let name = rival.instance.kind.name;
-        if near && class.len() < CLASS && !class.contains(&name) {
-            class.push(name);
-        }
-    }
-    class
 }

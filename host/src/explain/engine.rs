@@ -160,6 +160,12 @@ impl<'a> Engine<'a> {
         f64::sqrt(sum / f64::max(count, 1.0))
     }
 
+    /// Settled samples of all recordings.
+    pub fn length(&self) -> f64 {
+        let experiment = self.setting.experiment;
+        experiment.segments.iter().map(|segment| experiment.settled(segment).len() as f64).sum()
+    }
+
     /// Standard deviation in N m at the motor of the torque noise behind `noise`.
     pub fn torque_noise_nm(&self, noise: &Noise) -> [f64; 2] {
         let period_s = self.setting.experiment.robot.record_period_s;

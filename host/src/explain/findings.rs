@@ -5,11 +5,13 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::curves::{Curve, curves};
-use super::decide::{Case, Decision, MOST_TORQUE_NOISE, Verdict};
+use super::decide::Case;
 use super::hypothesis::Hypothesis;
 use super::library::{Instance, LIBRARY, Role};
 use super::next::{NextTrajectory, next_trajectory};
 use super::report::{Picture, pictures};
+use super::sentences::{place, sentences};
+use super::verdict::{Decision, Verdict};
 use crate::identify::Parameter;
 use crate::model::{Effect, Model};
 use crate::robot::{Kind, Robot};
@@ -97,6 +99,8 @@ pub struct Explanation {
     pub sentences: Vec<String>,
     /// Share of the excess that the effects explain, 0 to 1.
     pub explained_share: f64,
+    /// Whether the recordings are explained one by one, each by base parameters of its own, but not together.
+    pub recordings_disagree: bool,
     /// Largest score of the null simulations, and the threshold made of it.
     pub threshold: [f64; 2],
     /// Estimated torque noise in N m at the motors.
@@ -139,6 +143,7 @@ impl Explanation {
                 serde_json::json!({ "between": next.between, "distance_chi2": next.distance, "toml": next.toml })
             }),
             "explained_share": self.explained_share,
+            "recordings_disagree": self.recordings_disagree,
             "largest_null_score": self.threshold[0],
             "threshold": self.threshold[1],
             "torque_noise_nm": self.torque_noise_nm,
@@ -233,6 +238,7 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
         model: extended,
         sentences,
         explained_share: decision.share,
+        recordings_disagree: false,
         threshold: [decision.null_score, decision.threshold],
         torque_noise_nm: train.torque_noise_nm(&decision.noise),
         shape,
@@ -347,155 +353,6 @@ fn extended(
     extended
 }
 
-/// Where the gap of an effect's joint fell most: the part of the recordings with the largest share for its length.
-fn place(case: &Case, decision: &Decision, instance: &Instance) -> String {
-    let train = &case.train;
-    let experiment = train.setting.experiment;
-    let joint = instance.joint;
-    let [_, before, after] = &decision.innovations;
-    let fastest =
-        |trace: &super::trace::Trace| trace.velocity_rad_s[joint].iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-    type Inside = fn(&super::trace::Trace, usize, usize, f64) -> bool;
-    let regions: [(&str, Inside); 4] = [
-        ("within 0.3 s after its reversals", |trace, joint, k, _| trace.since_reversal_s[joint][k] < 0.3),
-        ("at low speed", |trace, joint, k, fastest| trace.velocity_rad_s[joint][k].abs() < 0.25 * fastest),
-        ("at high speed", |trace, joint, k, fastest| trace.velocity_rad_s[joint][k].abs() > 0.6 * fastest),
-        ("in the later half of the recordings", |trace, _, k, _| 2 * k > trace.time_s.len()),
-    ];
-    let mut best = (1.3, String::new());
-    let mut whole = 0.0;
-    for (words, inside) in regions {
-        let (mut part, mut all, mut samples, mut total) = (0.0, 0.0, 0.0, 0.0);
-        for (index, segment) in experiment.segments.iter().enumerate() {
-            let trace = &train.traces[index];
-            let fastest = fastest(trace);
-            for k in experiment.settled(segment) {
-                let gain = before[index][joint][k].powi(2) - after[index][joint][k].powi(2);
-                let here = inside(trace, joint, k, fastest);
-                part += if here { gain } else { 0.0 };
-                samples += f64::from(u8::from(here));
-                all += gain;
-                total += 1.0;
-            }
-        }
-        whole = all;
-        if all > 0.0 && samples > 0.0 {
-            let (share, length) = (part / all, samples / total);
-            if share / length > best.0 {
-                best = (
-                    share / length,
-                    format!(
-                        ", {words} ({:.0} % of the time): {:.0} % of its gain",
-                        100.0 * length,
-                        100.0 * share.min(1.0)
-                    ),
-                );
-            }
-        }
-    }
-    let name = instance.joint_name(experiment.robot);
-    let joint_words = if name == "both" { "both joints".to_string() } else { format!("joint {name}") };
-    if whole <= 0.0 {
-        // Base parameters can imitate it: it shows in how far they had to move.
-        return format!("{joint_words}, by how far the base parameters would have to leave their standard errors");
-    }
-    format!("{joint_words}{}; {:.0} % of the excess explained", best.1, 100.0 * decision.share)
-}
-
-fn sentences(
-    case: &Case,
-    decision: &Decision,
-    found: &[(Finding, Instance)],
-    gap: &Gap,
-    known: usize,
-    priors: bool,
-) -> Vec<String> {
-    let mut sentences = Vec::new();
-    let train = &case.train;
-    let robot = train.setting.experiment.robot;
-    let gaps = match gap.held_out {
-        Some(held_out) => format!(
-            "gap on what was kept back {:.3} → {:.3} counts rms, floor {:.3}",
-            held_out.before, held_out.after, gap.floor
-        ),
-        None => format!("gap {:.3} → {:.3} counts rms, floor {:.3}", gap.before, gap.after, gap.floor),
-    };
-    match decision.verdict {
-        Verdict::Named | Verdict::Partial => {
-            for (finding, instance) in found {
-                let values: Vec<String> = finding
-                    .parameters
-                    .iter()
-                    .filter(|(name, _)| !name.contains("phase"))
-                    .map(|(name, parameter)| match parameter.standard_error {
-                        Some(error) => format!("{name} = {:.4e} ± {error:.1e}", parameter.value),
-                        None => format!("{name} = {:.4e}", parameter.value),
-                    })
-                    .collect();
-                let whose =
-                    if finding.joint == "both" { "arm".to_string() } else { format!("joint {}", finding.joint) };
-                let class = if finding.class.len() > 1 {
-                    format!("; these recordings do not tell it from {}", finding.class[1..].join(" or "))
-                } else {
-                    String::new()
-                };
-                sentences.push(format!(
-                    "{whose}: {} ({}: {}); shows on {}{class}",
-                    instance.kind.phrase,
-                    finding.name,
-                    values.join(", "),
-                    finding.place
-                ));
-            }
-            sentences.push(gaps);
-            if decision.verdict == Verdict::Partial {
-                sentences.push(format!(
-                    "this explains {:.0} % of the excess; the rest is not explained by any effect of the library",
-                    100.0 * decision.share
-                ));
-            }
-        }
-        Verdict::None => {
-            sentences.push(format!(
-                "nothing is missing that these recordings could show: the gap of {:.3} counts rms is within {:.0} % of the \
-                 floor of {:.3}",
-                decision.after,
-                100.0 * (super::decide::CLOSED - 1.0),
-                decision.floor
-            ));
-        }
-        Verdict::Unknown => {
-            sentences.push(format!(
-                "something is missing that no effect of the library explains: the best of them explain {:.0} % of the \
-                 excess; {gaps}",
-                100.0 * decision.share
-            ));
-        }
-    }
-    if let Some([before, after]) = force_gap(case, decision, known, decision.verdict != Verdict::Unknown) {
-        sentences.push(format!("closed-loop force gap {before:.3} → {after:.3} N (N m) rms"));
-    }
-    let torque = train.torque_noise_nm(&decision.noise);
-    for (joint, named) in robot.joints.iter().enumerate() {
-        let coulomb = train.baseline.values.coulomb_nm[joint];
-        if torque[joint] >= 0.99 * MOST_TORQUE_NOISE * coulomb && coulomb > 0.0 && decision.verdict != Verdict::Named {
-            sentences.push(format!(
-                "joint {}: an irregular torque of more than {:.1} % of the Coulomb friction is left",
-                named.name,
-                100.0 * MOST_TORQUE_NOISE
-            ));
-        }
-    }
-    if !priors {
-        sentences.push(
-            "no baseline was given: it was identified from these recordings, so changes of inertia, load, friction levels \
-             and torque constants are in it already and cannot be named"
-                .into(),
-        );
-    }
-    sentences
-}
-
 /// The movement that best tells the first named effect from another member of its class.
 pub fn next(case: &Case, decision: &Decision, explanation: &Explanation) -> Option<NextTrajectory> {
     let accepted = decision.accepted.iter().find(|accepted| accepted.class.len() > 1)?;
@@ -514,7 +371,7 @@ pub fn next(case: &Case, decision: &Decision, explanation: &Explanation) -> Opti
 
 /// Closed-loop force gap of the baseline and of the final model, over all joints, where the recordings hold the command
 /// itself.
-fn force_gap(case: &Case, decision: &Decision, known: usize, named: bool) -> Option<[f64; 2]> {
+pub fn force_gap(case: &Case, decision: &Decision, known: usize, named: bool) -> Option<[f64; 2]> {
     let train = &case.train;
     let experiment = train.setting.experiment;
     if !experiment.robot.current_is_command {

@@ -257,10 +257,14 @@ pub const LIBRARY: [Kind; 26] = [
         ],
         search: Search::Finite(&[
             &[3e-6, 4e-4],
-            &[1e-5, 4e-4],
+            &[7e-6, 4e-4],
+            &[1.5e-5, 4e-4],
             &[3e-5, 4e-4],
+            &[6e-5, 4e-4],
             &[1e-4, 4e-4],
+            &[1.6e-4, 4e-4],
             &[2.5e-4, 4e-4],
+            &[4e-4, 4e-4],
             &[6e-4, 4e-4],
         ]),
         equivalent: &[],
@@ -270,7 +274,25 @@ pub const LIBRARY: [Kind; 26] = [
         name: "backlash",
         of_arm: false,
         parameters: &[size("gap_rad", "rad", joint!(gap_rad), 1e-5, [0.0, 0.1])],
-        search: Search::Finite(&[&[1e-4], &[3e-4], &[6e-4], &[1e-3], &[1.6e-3], &[2.5e-3], &[5e-3]]),
+        search: Search::Finite(&[
+            &[1e-4],
+            &[1.6e-4],
+            &[2.5e-4],
+            &[3.5e-4],
+            &[4.5e-4],
+            &[5.5e-4],
+            &[7e-4],
+            &[8.5e-4],
+            &[1e-3],
+            &[1.25e-3],
+            &[1.5e-3],
+            &[1.8e-3],
+            &[2.2e-3],
+            &[2.7e-3],
+            &[3.4e-3],
+            &[4.2e-3],
+            &[5e-3],
+        ]),
         equivalent: &[],
         phrase: "backlash",
     },
@@ -448,6 +470,17 @@ impl Instance {
         new.common.iter_mut().flatten().for_each(|value| *value = next(*value));
         new.records.iter_mut().flatten().for_each(|value| *value = next(*value));
         new
+    }
+
+    /// Whether its size is one that counts as an effect: an encoder loses whole counts, and no torque constant is known
+    /// to a thousandth.
+    pub fn can_be(&self) -> bool {
+        let least = match self.kind.name {
+            "count-loss" => 0.9,
+            "torque-constant" => 1e-3,
+            _ => 0.0,
+        };
+        self.common[0].is_none_or(|size| size.abs() >= least)
     }
 
     /// Puts it into the effects of one recording.

@@ -19,8 +19,8 @@ fn model(robot: &Robot) -> Model {
     model
 }
 
-fn recordings(robot: &Robot, baseline: &Baseline, effect: Option<Instance>) -> Vec<Recording> {
-    let truth = Hypothesis { base: baseline.values.of(&baseline.free), named: effect.into_iter().collect() };
+fn recordings(robot: &Robot, baseline: &Baseline, effects: Vec<Instance>) -> Vec<Recording> {
+    let truth = Hypothesis { base: baseline.values.of(&baseline.free), named: effects };
     [3.65, 5.0, 4.3]
         .into_iter()
         .enumerate()
@@ -31,12 +31,14 @@ fn recordings(robot: &Robot, baseline: &Baseline, effect: Option<Instance>) -> V
         .collect()
 }
 
-fn explained(effect: Option<(&str, usize, &[f64])>) -> Explanation {
+fn explained(effects: &[(&str, usize, &[f64])]) -> Explanation {
     let robot = Robot::paper();
     let model = model(&robot);
     let baseline = baseline(&robot, &model, true);
-    let effect = effect.map(|(name, joint, values)| Instance::new(kind(name).expect("an effect"), joint, values, 1));
-    let recordings = recordings(&robot, &baseline, effect);
+    let effect = |(name, joint, values): &(&str, usize, &[f64])| {
+        Instance::new(kind(name).expect("an effect"), *joint, values, 1)
+    };
+    let recordings = recordings(&robot, &baseline, effects.iter().map(effect).collect());
     let (fitted, check) = recordings.split_at(2);
     let options = Options { seed: 1, design_next: false };
     explain(&robot, fitted, check, Some(&model), &options, &|_| ()).expect("an explanation")
@@ -44,14 +46,14 @@ fn explained(effect: Option<(&str, usize, &[f64])>) -> Explanation {
 
 #[test]
 fn a_robot_that_lacks_nothing_gets_no_name() {
-    let explanation = explained(None);
+    let explanation = explained(&[]);
     assert_eq!(explanation.verdict, Verdict::None, "{:?}", explanation.sentences);
     assert!(explanation.effects.is_empty());
 }
 
 #[test]
 fn a_hidden_effect_is_named_and_closes_the_gap() {
-    let explanation = explained(Some(("asymmetric-viscous-friction", 1, &[3e-4])));
+    let explanation = explained(&[("asymmetric-viscous-friction", 1, &[3e-4])]);
     assert_eq!(explanation.verdict, Verdict::Named, "{:?}", explanation.sentences);
     let [finding] = &explanation.effects[..] else { panic!("{:?}", explanation.effects) };
     assert_eq!((finding.name, finding.joint.as_str()), ("asymmetric-viscous-friction", "3"));
@@ -65,11 +67,43 @@ fn a_hidden_effect_is_named_and_closes_the_gap() {
 }
 
 #[test]
+fn two_hidden_effects_are_both_named() {
+    let explanation = explained(&[("torque-offset", 0, &[0.03]), ("cogging", 1, &[0.02, 0.7, 3.3])]);
+    assert_eq!(explanation.verdict, Verdict::Named, "{:?}", explanation.sentences);
+    let mut found: Vec<_> =
+        explanation.effects.iter().map(|effect| (effect.joint.as_str(), effect.class.as_slice())).collect();
+    found.sort_unstable();
+    let [("2", offset), ("3", ["cogging"])] = found[..] else { panic!("{found:?}") };
+    assert!(offset.contains(&"torque-offset"), "{offset:?}");
+    assert!(explanation.gap.after < 1.05 * explanation.gap.floor, "{:?}", explanation.gap);
+}
+
+#[test]
+fn recordings_of_two_robots_are_told_apart_and_nothing_named() {
+    let robot = Robot::paper();
+    let model = model(&robot);
+    let baseline = baseline(&robot, &model, true);
+    let mut other = baseline.clone();
+    other.values.f[6] *= 1.06;
+    other.values.f[8] *= 0.95;
+    other.values.coulomb_nm[0] *= 1.1;
+    let one = recordings(&robot, &baseline, Vec::new());
+    let two = recordings(&robot, &other, Vec::new());
+    let mixed = [one[0].clone(), two[1].clone()];
+    let options = Options { seed: 1, design_next: false };
+    for (fitted, check) in [(&mixed[..], &one[2..]), (&one[..2], &two[2..])] {
+        let explanation = explain(&robot, fitted, check, Some(&model), &options, &|_| ()).expect("an explanation");
+        assert_eq!(explanation.verdict, Verdict::Unknown, "{:?}", explanation.sentences);
+        assert!(explanation.effects.is_empty() && explanation.recordings_disagree, "{:?}", explanation.sentences);
+    }
+}
+
+#[test]
 fn a_wrong_gain_is_told_and_nothing_named() {
     let robot = Robot::paper();
     let model = model(&robot);
     let baseline = baseline(&robot, &model, true);
-    let recordings = recordings(&robot, &baseline, None);
+    let recordings = recordings(&robot, &baseline, Vec::new());
     let mut other = robot.clone();
     other.joints[1].law =
         crate::robot::Law::Proportional(shared::control::PositionLoop { gain_a_per_count: 0.04, lead: 0.0 });

@@ -1,0 +1,218 @@
+//! What the rounds come to: whether the effects found explain what was wrong, on recordings they were not fitted to too.
+
+use super::decide::{Accepted, Case, Rival};
+use super::engine::{Engine, Fitted, Free};
+use super::held_out::adapted;
+use super::hypothesis::Hypothesis;
+use super::noise::{self, Noise};
+use crate::identify::Columns;
+
+/// No robot's unknown torque is larger than this share of its Coulomb friction: what is larger is an effect.
+pub const MOST_TORQUE_NOISE: f64 = 0.025;
+/// Within this factor of the floor a gap is closed.
+pub const CLOSED: f64 = 1.1;
+/// Effects that are named together at most: with enough of them anything can be imitated.
+const MOST_NAMED: usize = 2;
+/// Share of the excess of the recordings kept back from which effects foretell them well, and in part.
+const FORETOLD: f64 = 0.9;
+const FORETOLD_IN_PART: f64 = 0.5;
+/// Recordings kept back are closed within this factor: they have nothing fitted to them.
+const HELD_OUT_CLOSED: f64 = 1.25;
+/// Effects together explain at least this share of the excess to be named.
+const NAMED_SHARE: f64 = 0.75;
+/// Share of the gain per sample that has to show in the recordings kept back.
+const KEPT: f64 = 0.2;
+/// A gain in χ² that chance does not bring, however large it was elsewhere.
+const PROVEN: f64 = 10.0;
+/// χ² of noise alone is known only up to so many of its standard deviations: less than that is no excess.
+const CHANCE: f64 = 2.0;
+
+/// The verdicts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// The effects explain what was wrong.
+    Named,
+    /// Nothing is wrong.
+    None,
+    /// Something is wrong that no effect of the library explains.
+    Unknown,
+    /// The effects explain part of it.
+    Partial,
+}
+
+/// What the rounds found.
+pub struct Rounds {
+    /// The baseline as given.
+    pub start: Hypothesis,
+    /// Its refit without effects.
+    pub null: Fitted,
+    /// Innovations of that refit.
+    pub null_innovations: Columns,
+    /// Innovations of the baseline.
+    pub baseline_innovations: Columns,
+    /// The final model.
+    pub fitted: Fitted,
+    /// Its effects, in the order of acceptance.
+    pub accepted: Vec<Accepted>,
+    /// Everything refitted on the way.
+    pub rivals: Vec<Rival>,
+    /// Noise of the recordings.
+    pub noise: Noise,
+    /// Gap of the baseline in counts rms.
+    pub before: f64,
+    /// Largest null score, and the threshold made of it.
+    pub scores: [f64; 2],
+}
+
+/// Where the rounds ended.
+pub struct Decision {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// The final model.
+    pub fitted: Fitted,
+    /// What it was named by, in the order of acceptance.
+    pub accepted: Vec<Accepted>,
+    /// Everything refitted on the way.
+    pub rivals: Vec<Rival>,
+    /// Noise of the recordings.
+    pub noise: Noise,
+    /// Innovations of baseline, null refit and final model.
+    pub innovations: [Columns; 3],
+    /// Largest null score, and the threshold made of it.
+    pub null_score: f64,
+    /// See above.
+    pub threshold: f64,
+    /// Gaps in counts rms: floor, of the baseline, of the final model.
+    pub floor: f64,
+    /// Of the baseline as given.
+    pub before: f64,
+    /// Of the final model.
+    pub after: f64,
+    /// On the recordings kept back: of the baseline as given and of the final model.
+    pub held_out: Option<[f64; 2]>,
+    /// Share of the excess χ² that the effects explain.
+    pub share: f64,
+}
+
+/// What recordings kept back say.
+struct HeldOut {
+    /// Gaps of the baseline as given and of the final model.
+    gaps: [f64; 2],
+    /// Gap of the refit without effects.
+    alone: f64,
+    /// What noise leaves in them.
+    floor: f64,
+    /// Share of their excess over the floor that the effects take away beyond what base parameters do alone.
+    foretold: f64,
+    /// By how much the effects lower χ² of the data beyond base parameters alone.
+    gain: f64,
+    /// Their length in samples.
+    length: f64,
+}
+
+impl Case<'_> {
+    /// The verdict.
+    pub fn judge(&self, rounds: Rounds) -> Decision {
+        let train = &self.train;
+        let noise = train.plausible(&rounds.noise, MOST_TORQUE_NOISE);
+        let weights = train.weights(&noise);
+        let final_innovations = train.innovations(&rounds.fitted.hypothesis);
+        let after = train.gap(&final_innovations);
+        let held_out = self.check.as_ref().map(|check| held_out(check, &rounds, &noise));
+        let floor = held_out.as_ref().map_or(0.0, |held_out| held_out.floor).max(train.floor(&noise));
+
+        // What noise like this leaves of χ².
+        let current = |fitted: &Fitted| fitted.residual.current.iter().map(|x| x * x).sum::<f64>();
+        let rows = train.setting.rows.count() as f64 + current(&rounds.fitted).min(current(&rounds.null));
+        let expected = rows + CHANCE * (2.0 * rows).sqrt();
+        let (null_cost, final_cost) = (train.cost(&rounds.null, &weights), train.cost(&rounds.fitted, &weights));
+        let share_of = |expected: f64| {
+            let excess = null_cost - expected.min(final_cost);
+            if excess > 0.0 { ((null_cost - final_cost) / excess).clamp(0.0, 1.0) } else { 0.0 }
+        };
+        let (share, least_share) = (share_of(expected), share_of(rows));
+
+        let complains = |gap: f64, hypothesis: &Hypothesis| gap > CLOSED * floor || priors_complain(train, hypothesis);
+        let elsewhere = held_out.as_ref().is_some_and(|held_out| held_out.alone > HELD_OUT_CLOSED * floor);
+        let nothing_wrong = !elsewhere && !complains(train.gap(&rounds.null_innovations), &rounds.null.hypothesis);
+        let gaps = held_out.as_ref().map(|held_out| held_out.gaps);
+        // Without recordings kept back nothing speaks against the effects.
+        let foretold = held_out.as_ref().map_or(1.0, |held_out| held_out.foretold);
+        // A gain in the data, rather than in what was known beforehand, has to show in what was kept back.
+        let gained = null_cost
+            - final_cost
+            - (train.prior_cost(&rounds.null.hypothesis) - train.prior_cost(&rounds.fitted.hypothesis));
+        let kept = held_out
+            .as_ref()
+            .is_none_or(|held_out| held_out.gain >= f64::min(KEPT * gained * held_out.length / train.length(), PROVEN));
+        let count = rounds.accepted.len();
+        let closes = kept
+            && held_out_agrees(gaps, floor)
+            && (after <= CLOSED * floor || (count == 1 && foretold >= FORETOLD && after <= HELD_OUT_CLOSED * floor));
+        // An axis has half as many effects to choose from as an arm.
+        let crowd = count > MOST_NAMED && train.setting.experiment.robot.joints.len() > 1;
+        let verdict = if count > 0 && share >= NAMED_SHARE && closes && count <= MOST_NAMED {
+            Verdict::Named
+        } else if nothing_wrong {
+            Verdict::None
+        } else if count > 0 && kept && least_share >= NAMED_SHARE && foretold >= FORETOLD_IN_PART && !crowd {
+            Verdict::Partial
+        } else {
+            Verdict::Unknown
+        };
+        Decision {
+            verdict,
+            fitted: rounds.fitted,
+            accepted: rounds.accepted,
+            rivals: rounds.rivals,
+            noise,
+            innovations: [rounds.baseline_innovations, rounds.null_innovations, final_innovations],
+            null_score: rounds.scores[0],
+            threshold: rounds.scores[1],
+            floor,
+            before: rounds.before,
+            after,
+            held_out: gaps,
+            share,
+        }
+    }
+}
+
+fn held_out(check: &Engine, rounds: &Rounds, noise: &Noise) -> HeldOut {
+    let weights = check.weights(noise);
+    let best = adapted(check, &rounds.fitted.hypothesis, &weights);
+    let first = adapted(check, &rounds.start, &weights);
+    let null = adapted(check, &rounds.null.hypothesis, &weights);
+    let best_innovations = check.innovations(&best);
+    let after = check.gap(&best_innovations);
+    // A few seconds of slow noise are louder or quieter by chance: the floor is that of the louder recordings, as far
+    // as it can be noise at all.
+    let rows = check.setting.rows.of(&best_innovations);
+    let own = noise::most_likely(check.setting.rows, &rows, noise.map(|n| n.white_counts2), 0.0);
+    let floor = check.floor(noise).max(check.floor(&check.plausible(&own, MOST_TORQUE_NOISE)));
+    let alone = check.gap(&check.innovations(&null));
+    let excess = alone * alone - floor * floor;
+    let of_data = |hypothesis: &Hypothesis| {
+        let left = check.refit(hypothesis, &weights, &[], Free::OfRecords, 0);
+        left.map_or(f64::INFINITY, |left| left.residual.inner(&left.residual, &weights))
+    };
+    HeldOut {
+        gaps: [check.gap(&check.innovations(&first)), after],
+        alone,
+        floor,
+        foretold: if excess > 0.0 { (alone * alone - after * after) / excess } else { 1.0 },
+        gain: of_data(&null) - of_data(&best),
+        length: check.length(),
+    }
+}
+
+/// Whether the base parameters have left what was known about them.
+pub fn priors_complain(engine: &Engine, hypothesis: &Hypothesis) -> bool {
+    let known = engine.baseline.standard_error.iter().filter(|error| error.is_finite()).count() as f64;
+    engine.prior_cost(hypothesis) > known + 10.0 * (2.0 * known).sqrt()
+}
+
+/// Whether the recordings kept back are closed as well, or nearly, and no worse than with the baseline.
+fn held_out_agrees(held_out: Option<[f64; 2]>, floor: f64) -> bool {
+    held_out.is_none_or(|[before, after]| after <= HELD_OUT_CLOSED * floor && after <= before.max(CLOSED * floor))
+}
