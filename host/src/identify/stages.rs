@@ -30,9 +30,6 @@ const SEARCH_OFFSPRING: usize = 64;
 /// First step of the last search as a share of its box.
 const FIRST_STEP: f64 = 0.2;
 
-/// What another place must leave at most, as a share of what a result leaves, to be worth going there.
-const WORTH_MOVING: f64 = 0.99;
-
 /// Relative improvement at which a stage stops: a rung of the ladder only has to reach the next one's basin.
 const RUNG_TOLERANCE: f64 = 1e-3;
 const FINAL_TOLERANCE: f64 = 1e-7;
@@ -164,28 +161,13 @@ impl Run<'_> {
         let step = self.stage(if lack_of_fit { "closed loop" } else { "innovations" }, done, total);
         let fit = self.solve(&best, &weighed, FINAL_TOLERANCE, &step);
         evaluations += fit.evaluations + self.free.len() + 1;
-        let mut values = best.with(self.free, &fit.values);
-        let mut certainty = self.certainty(&values, &weighed, &step);
+        let values = best.with(self.free, &fit.values);
+        let certainty = self.certainty(&values, &weighed, &step);
 
         let step = self.stage("search", done + 2 * ITERATIONS, total);
+        // Told, not taken: less than the truth leaves is luck with the ringing, and many standard errors away from it.
         let found = self.search_around(&values, &certainty, &step)?;
         evaluations += found.as_ref().map_or(0, |found| found.evaluations);
-        // Otherwise the least Y is luck with the ringing: the truth leaves more, and lies where the innovations say.
-        let nearer = found.iter().find(|found| {
-            lack_of_fit
-                && found.objective_counts2 < experiment.objective_counts2(&values)
-                && self.broken_bounds(&found.values).is_empty()
-        });
-        if let Some(found) = nearer {
-            let fit = self.solve(&found.values, &weighed, FINAL_TOLERANCE, &step);
-            evaluations += fit.evaluations;
-            let other = found.values.with(self.free, &fit.values);
-            let left_by = |values: &Values| rms(&weigh(experiment.residual(values, residual)));
-            if left_by(&other) < WORTH_MOVING * left_by(&values) {
-                values = other;
-                certainty = self.certainty(&values, &weighed, &step);
-            }
-        }
         (self.progress)(Progress { stage: "done", done: total, total });
         Ok(Outcome {
             values,
