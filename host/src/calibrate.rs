@@ -155,6 +155,19 @@ pub fn calibrate(robot: &Robot, recordings: &[Recording]) -> Result<Vec<JointCal
     (0..robot.joints.len()).map(|joint| calibrate_joint(robot, recordings, joint)).collect()
 }
 
+/// The lead of every joint's loop in ticks, from all `recordings` together, whether or not it can be told from none.
+pub fn leads(robot: &Robot, recordings: &[Recording]) -> Result<Vec<Estimate>, CalibrateError> {
+    let calibrated = calibrate(robot, recordings)?;
+    let lead = |(index, joint): (usize, &JointCalibration)| {
+        let none_found = || solve(&gather(robot, recordings, index, joint.source), true)?.lead;
+        joint
+            .lead
+            .or_else(none_found)
+            .ok_or(CalibrateError::HardlyVaries { joint: joint.joint.clone(), variation_counts: 0.0 })
+    };
+    calibrated.iter().enumerate().map(lead).collect()
+}
+
 fn calibrate_joint(robot: &Robot, recordings: &[Recording], joint: usize) -> Result<JointCalibration, CalibrateError> {
     let known = &robot.joints[joint];
     let Law::Proportional(file) = known.law else {

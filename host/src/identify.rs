@@ -1,8 +1,8 @@
 //! Identification: from recordings of a robot under its position loop to f1..f9, friction, and how well each is known.
 //!
 //! ```text
-//! recordings → experiment ─→ linear (8 Hz) ─→ ladder 8, 12, 15 Hz ─→ search (GA on Y) ─→ innovations ─→ result
-//!                            linear.rs        least_squares.rs       search.rs           least_squares.rs
+//! recordings → experiment ─→ linear (8 Hz) ─→ ladder 8, 12, 15 Hz ─→ innovations ─→ search around (on Y) ─→ result
+//!                            linear.rs        least_squares.rs       least_squares.rs search.rs
 //! ```
 //!
 //! `full` goes the whole way; `paper` is the genetic algorithm alone, over the whole search range; `linear` and `didim`
@@ -39,8 +39,9 @@ pub use certainty::{Direction, LeftOut, Repeats, weak_directions};
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
 pub use parameters::{FrictionMode, Parameter, Prior, Sought, Values, free_parameters};
-pub use search::{Found, Generation, Judge, SearchBox, acceptable, search};
+pub use search::{Found, Generation, Judge, SearchBox, Searcher, acceptable, search};
 pub use sensitivity::{Columns, Residual};
+pub use stages::LADDER_HZ;
 
 use crate::recording::{Finding, Recording, SoundPart};
 use crate::robot::{Kind, Robot};
@@ -49,10 +50,13 @@ use stages::Run;
 /// A standard error above this share of its search range means that the data do not determine the parameter.
 const IDENTIFIABLE_SHARE: f64 = 0.005;
 
+/// A lead known worse than to this many ticks counts as undetermined.
+const IDENTIFIABLE_LEAD_TICKS: f64 = 0.1;
+
 /// How f1..f9 are sought.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Method {
-    /// Linear start, filter ladder, genetic algorithm, Levenberg–Marquardt on the innovations.
+    /// Linear start, filter ladder, Levenberg–Marquardt on the innovations, a search around what they give.
     #[default]
     Full,
     /// The paper's genetic algorithm alone, on the whole search range.
@@ -72,14 +76,14 @@ pub struct Options {
     pub method: Method,
     /// Which parameters are sought.
     pub sought: Sought,
-    /// Seed of the genetic algorithm.
+    /// Seed of the searches.
     pub seed: u64,
     /// Recorded and simulated signals pass the same zero-phase low-pass of this cut-off frequency in Hz before they are
     /// compared, so that oscillations the model does not have are left out. For `linear` and `didim` the cut-off of
     /// their own filter.
     pub filter_hz: Option<f64>,
-    /// How the genetic algorithm reads the bits of a gene; each method has its own default: `paper` plain binary, as in
-    /// the paper, `full` Gray.
+    /// How the genetic algorithm of the method `paper` reads the bits of a gene: plain binary, as in the paper, if nothing
+    /// else is said.
     pub coding: Option<Coding>,
     /// Takes every sample as recorded: nothing is mended, nothing cut, no torque offset sought.
     pub as_recorded: bool,
@@ -217,7 +221,7 @@ pub struct Identification {
     pub evaluations: usize,
     /// Time taken in s.
     pub seconds: f64,
-    /// The genetic algorithm's course.
+    /// The course of the search: over the whole search range with the method `paper`, around the result with `full`.
     pub generations: Vec<Generation>,
     /// Samples fitted.
     pub samples: usize,
@@ -226,6 +230,12 @@ pub struct Identification {
 }
 
 impl Identification {
+    /// The least Y that the search came upon, counts²; none where nothing was searched. Where `full` searched around its
+    /// result it shows by how much luck with the ringing of the loop could have lowered Y.
+    pub fn least_objective_counts2(&self) -> Option<f64> {
+        self.generations.last().map(|last| last.best_counts2)
+    }
+
     /// The standard error of one parameter, if it was sought or follows from one that was.
     pub fn standard_error(&self, parameter: Parameter) -> Option<f64> {
         let of = |parameter: Parameter| {
@@ -266,6 +276,17 @@ pub fn identify(
     options: &Options,
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<Identification, IdentifyError> {
+    // On a thread of the pool: a search hands work to the others many times, and need not wait for them to begin.
+    rayon::scope(|_| identify_here(robot, recordings, held_out, options, progress))
+}
+
+fn identify_here(
+    robot: &Robot,
+    recordings: &[Recording],
+    held_out: &[Recording],
+    options: &Options,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Result<Identification, IdentifyError> {
     let started = Instant::now();
     if recordings.is_empty() {
         return Err(IdentifyError::NoRecording);
@@ -274,7 +295,9 @@ pub fn identify(
     let fitted = Usable::of(robot, recordings, options);
     let experiment = fitted.experiment(robot)?;
     check_motion(&experiment)?;
-    let mut free = free_parameters(robot, &options.sought);
+    // Only a simulation of the loop says how much lead there was; the other methods believe what they are told.
+    let sought = Sought { lead: options.sought.lead && options.method == Method::Full, ..options.sought };
+    let mut free = free_parameters(robot, &sought);
     free.extend(fitted.offsets.iter().copied().filter(|offset| !free.contains(offset)).collect::<Vec<_>>());
     let priors: Vec<Prior> = options.priors.iter().copied().filter(|prior| free.contains(&prior.parameter)).collect();
     let run = Run {
@@ -297,7 +320,12 @@ pub fn identify(
     if robot.kind == Kind::TwoLink {
         values.arm(robot).check_inertia()?;
     }
-    let rms_counts = experiment.closed_loop_rms_counts(&values);
+    // The paper's method ends with the values that its own simulation, one step a period, likes best.
+    let fineness = if options.method == Method::Paper { Fineness::Coarse } else { Fineness::Fine };
+    let (rms_counts, (innovation_rms_counts, objective_counts2)) = rayon::join(
+        || experiment.rms_counts(&values, fineness),
+        || (experiment.innovation_rms_counts(&values), experiment.objective_counts2(&values)),
+    );
     let worst = rms_counts.iter().copied().fold(0.0, f64::max);
     if options.method == Method::Full && (worst.is_nan() || worst >= largest_error(&experiment)) {
         return Err(IdentifyError::NothingFits { rms_counts: worst });
@@ -321,10 +349,10 @@ pub fn identify(
         .collect();
     let certainty = outcome.certainty.as_ref();
     Ok(Identification {
-        objective_counts2: experiment.objective_counts2(&values),
+        objective_counts2,
         rms_counts,
         held_out_rms_counts,
-        innovation_rms_counts: experiment.innovation_rms_counts(&values),
+        innovation_rms_counts,
         held_out_innovation_rms_counts,
         force_gap_rms: robot.current_is_command.then(|| experiment.force_gap_rms(&values)),
         correlations: certainty.map(|certainty| certainty::correlations(&certainty.covariance)),
@@ -416,7 +444,7 @@ fn check_filter(robot: &Robot, options: &Options) -> Result<(), IdentifyError> {
 }
 
 /// The standard error from which a parameter counts as undetermined: a share of the search range for f, half the
-/// value for friction, which has no range.
+/// value for friction, which has no range, a tenth of a tick for a lead.
 fn identifiable_below(robot: &Robot, values: &Values, parameter: Parameter) -> f64 {
     match (robot.kind, parameter) {
         (Kind::TwoLink, Parameter::F(index)) => {
@@ -424,6 +452,7 @@ fn identifiable_below(robot: &Robot, values: &Values, parameter: Parameter) -> f
             IDENTIFIABLE_SHARE * (high - low)
         }
         (_, Parameter::TorqueOffset(_)) => f64::INFINITY,
+        (_, Parameter::Lead(_)) => IDENTIFIABLE_LEAD_TICKS,
         _ => 0.5 * values.get(parameter).abs(),
     }
 }

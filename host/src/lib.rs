@@ -8,6 +8,7 @@
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot                               what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! searchers                                  ways to search a box, beside the genetic algorithm
 //! excite                                     the movement that determines the parameters best
 //! explain_benchmark                          verdicts on recordings with hidden effects against the truth
 //! ```
@@ -38,6 +39,7 @@ pub mod prior;
 mod random;
 pub mod recording;
 pub mod robot;
+pub mod searchers;
 mod toml_text;
 pub mod trajectory_file;
 

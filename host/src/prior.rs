@@ -1,18 +1,21 @@
-//! What is known of an arm before an identification: a file of values with their uncertainty, and the gains that a
-//! recorded current shows.
+//! What is known of an arm before an identification: a file of values with their uncertainty, and the gains and leads that
+//! a recorded current shows.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
 use toml::Spanned;
 
-use crate::calibrate::{Source, calibrate};
+use crate::calibrate::{CalibrateError, Source, calibrate, leads};
 use crate::file_error::{FileError, Problem};
 use crate::identify::{Parameter, Prior, Sought, free_parameters};
 use crate::model::Model;
 use crate::recording::Recording;
-use crate::robot::Robot;
+use crate::robot::{Law, Robot};
 use crate::toml_text::TomlText;
+
+/// A lead that is measured counts as known to this many ticks at best: a current is not measured at one instant.
+const CURRENT_INSTANT_TICKS: f64 = 1e-3;
 
 /// A gain that is measured counts as known to this share at best: no current sensor's scale is better.
 const CURRENT_SCALE: f64 = 1e-4;
@@ -27,7 +30,7 @@ pub fn read(path: &Path, robot: &Robot) -> Result<Vec<Prior>, FileError> {
         return Ok(of_model(&Model::read(path, robot)?));
     }
     let entries: BTreeMap<Spanned<String>, Spanned<[f64; 2]>> = text.parse()?;
-    let everything = free_parameters(robot, &Sought { gain: true, ..Sought::default() });
+    let everything = free_parameters(robot, &Sought { gain: true, lead: true, ..Sought::default() });
     entries
         .into_iter()
         .map(|(key, entry)| {
@@ -115,4 +118,36 @@ pub fn gains_from_current(robot: &Robot, recordings: &[Recording]) -> Vec<Prior>
             standard_deviation: weight.sqrt().recip(),
         })
         .collect()
+}
+
+/// The leads that the commands, or else the currents, of all `recordings` show: put in place of those noted in manifests
+/// and robot file, for the fit to start from, and given as knowledge.
+///
+/// Where the loop runs faster than the recording most errors it saw are missing, and what a current shows of its lead is
+/// good for a start only.
+pub fn leads_from_current(
+    robot: &mut Robot,
+    recordings: &mut [Recording],
+    held_out: &mut [Recording],
+) -> Result<Vec<Prior>, CalibrateError> {
+    let found = leads(robot, recordings)?;
+    for (joint, lead) in robot.joints.iter_mut().zip(&found) {
+        if let Law::Proportional(position_loop) = &mut joint.law {
+            position_loop.lead = lead.value;
+        }
+    }
+    for manifest in recordings.iter_mut().chain(held_out).filter_map(|recording| recording.manifest.as_mut()) {
+        for (noted, lead) in manifest.joint.iter_mut().zip(&found) {
+            noted.lead = lead.value;
+        }
+    }
+    if robot.loop_ticks_per_record() > 1 {
+        return Ok(Vec::new());
+    }
+    let prior = |(joint, lead): (usize, &crate::calibrate::Estimate)| Prior {
+        parameter: Parameter::Lead(joint),
+        mean: lead.value,
+        standard_deviation: lead.standard_error.max(CURRENT_INSTANT_TICKS),
+    };
+    Ok(found.iter().enumerate().map(prior).collect())
 }

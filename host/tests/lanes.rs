@@ -4,7 +4,7 @@ use armid::board_setup::configuration;
 use armid::capture::{self, Circumstances};
 use armid::client::{Client, MovementPlan, Pose};
 use armid::hidden_robot::HiddenRobot;
-use armid::identify::{Experiment, Fineness, Parameter, Residual, SearchBox, Values, search};
+use armid::identify::{Experiment, Fineness, Parameter, Residual, SearchBox, Searcher, Values, search};
 use armid::link::SimulatedBoard;
 use armid::recording::{Mode, Recording};
 use armid::robot::Robot;
@@ -163,17 +163,21 @@ fn a_search_gives_objectives_in_double_precision() {
     let free: Vec<Parameter> = (0..9).map(Parameter::F).collect();
     let start = known.of(&free);
     let ranges: Vec<[f64; 2]> = start.iter().map(|f| [f - 0.01 * f.abs(), f + 0.01 * f.abs()]).collect();
-    let settings = shared::genetic::Settings { generations: 3, ..Default::default() };
-    let place = SearchBox { free: &free, ranges: &ranges, known: &known, start: None, settings };
-    let found = search(&experiment, &place, 1, &|_| ()).unwrap();
-    let plain = experiment.objective_counts2(&found.values);
-    assert!(((found.objective_counts2 - plain) / plain).abs() < 1e-9, "{} {plain}", found.objective_counts2);
-    assert_eq!(found.generations.last().unwrap().best_counts2, found.objective_counts2);
-    // The same search on one thread is the same to the bit.
-    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let alone = one_thread.install(|| search(&experiment, &place, 1, &|_| ())).unwrap();
-    assert_eq!((alone.values, alone.objective_counts2), (found.values, found.objective_counts2));
-    assert_eq!(alone.generations, found.generations);
+    for searcher in [
+        Searcher::Genetic(shared::genetic::Settings { generations: 3, ..Default::default() }),
+        Searcher::EvolutionStrategy { settings: Default::default(), budget: 100 },
+    ] {
+        let place = SearchBox { free: &free, ranges: &ranges, known: &known, start: None, searcher };
+        let found = search(&experiment, &place, 1, &|_| ()).unwrap();
+        let plain = experiment.objective_counts2(&found.values);
+        assert!(((found.objective_counts2 - plain) / plain).abs() < 1e-9, "{} {plain}", found.objective_counts2);
+        assert_eq!(found.generations.last().unwrap().best_counts2, found.objective_counts2);
+        // The same search on one thread is the same to the bit.
+        let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let alone = one_thread.install(|| search(&experiment, &place, 1, &|_| ())).unwrap();
+        assert_eq!((alone.values, alone.objective_counts2), (found.values, found.objective_counts2));
+        assert_eq!(alone.generations, found.generations);
+    }
 }
 
 /// Where a joint sticks or a command is at its limit, differences see the corner and derivatives one side of it; so the
@@ -182,10 +186,11 @@ fn a_search_gives_objectives_in_double_precision() {
 fn sensitivities_agree_with_differences() {
     let robot = Robot::paper();
     let experiment = Experiment::new(&robot, &[record(&robot)]).unwrap();
-    let values = candidates(&robot, 1)[0];
+    let values = Values { lead: [Some(0.3), Some(0.1)], ..candidates(&robot, 1)[0] };
     let free: Vec<Parameter> = (0..9)
         .map(Parameter::F)
         .chain([Parameter::Viscous(0), Parameter::Coulomb(0), Parameter::Viscous(1), Parameter::Coulomb(1)])
+        .chain([Parameter::Lead(0), Parameter::Lead(1)])
         .collect();
     for which in [Residual::Innovations, Residual::ClosedLoop(Fineness::Coarse), Residual::ClosedLoop(Fineness::Fine)] {
         let exact = experiment.sensitivities(&values, &free, which);

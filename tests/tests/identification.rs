@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use armid::identify::{FrictionMode, Identification, Options, Parameter, Prior, Sought, identify};
-use armid::prior::gains_from_current;
+use armid::prior::{gains_from_current, leads_from_current};
 use armid::recording::{Manifest, ReadOptions, Recording};
 use armid::robot::{Law, Robot};
 use armid_tests::simulator::{self, Reference, RunSettings, TorqueNoise, record};
@@ -65,6 +65,7 @@ fn truth_of(truth: &simulator::Robot, parameter: Parameter) -> f64 {
         Parameter::Coulomb(joint) => truth.drives[joint].coulomb_friction_nm,
         Parameter::TorqueOffset(_) => 0.0,
         Parameter::Gain(_) => 1.0,
+        Parameter::Lead(joint) => truth.drives[joint].lead,
     }
 }
 
@@ -186,6 +187,63 @@ fn an_unknown_gain_needs_the_current_or_something_else_that_is_known() {
         }
         let f9 = found.values.f[8] / truth_of(&truth, Parameter::F(8));
         assert!((f9 - 1.0).abs() < 0.005, "f9 off by a factor {f9}");
+    }
+}
+
+/// The loops have leads that neither robot file nor manifest knows of. Sought with f they are found: from the recorded
+/// commands and the motion, and from the motion alone, where nothing but the errors says what the commands were.
+#[test]
+fn an_unknown_lead_is_found_and_f_unharmed() {
+    let with_lead = |seed: u64| {
+        let mut truth = simulator::Robot::draw(seed);
+        for (drive, lead) in truth.drives.iter_mut().zip([0.4, 0.15]) {
+            drive.lead = lead;
+        }
+        let mut robot = robot_file(&truth);
+        let recordings = recordings(&truth, &robot, &PERIODS_S, seed);
+        for joint in &mut robot.joints {
+            let Law::Proportional(position_loop) = &mut joint.law else { panic!("a position loop") };
+            position_loop.lead = 0.0;
+        }
+        (truth, robot, recordings)
+    };
+    let seek = |robot: &Robot, recordings: &[Recording], priors: Vec<Prior>| {
+        let options = Options { sought: Sought { lead: true, ..Sought::default() }, priors, ..Options::default() };
+        identify(robot, recordings, &[], &options, &|_| ()).expect("an identification")
+    };
+    for seed in 40..44 {
+        let (truth, robot, recordings) = with_lead(seed);
+        let mut blind = without_currents(recordings.clone());
+        blind.iter_mut().for_each(|recording| recording.command_a = None);
+        let from_motion = seek(&robot, &blind, Vec::new());
+        let (mut told_robot, mut told) = (robot.clone(), recordings.clone());
+        let priors = leads_from_current(&mut told_robot, &mut told, &mut []).expect("leads in the commands");
+        assert_eq!(priors.len(), 2);
+        let from_both = seek(&told_robot, &told, priors);
+        for (name, found) in [("motion", &from_motion), ("command and motion", &from_both)] {
+            assert!(!found.lack_of_fit && found.not_identifiable.is_empty(), "robot {seed}: {found:?}");
+            for &parameter in &found.free {
+                let error = found.values.get(parameter) - truth_of(&truth, parameter);
+                let standard_error = found.standard_error(parameter).expect("a sought parameter");
+                if matches!(parameter, Parameter::Lead(_)) {
+                    println!("robot {seed}, {name}: {parameter:?} off by {error:.5} ± {standard_error:.5}");
+                    assert!(standard_error < 0.01, "robot {seed}: {standard_error}");
+                }
+                assert!(
+                    error.abs() < 3.0 * standard_error,
+                    "robot {seed}, {name}: {parameter:?} off by {error} ± {standard_error}"
+                );
+                if let Parameter::F(index) = parameter {
+                    let allowed =
+                        if matches!(index, 2 | 4 | 7) { 0.005 } else { 0.005 * shared_reference(index).abs() };
+                    assert!(error.abs() < allowed, "robot {seed}, {name}: f{} off by {error}", index + 1);
+                }
+            }
+        }
+        // What the motion alone says of the lead goes together with what it says of the arm.
+        let lead = from_motion.free.iter().position(|&p| p == Parameter::Lead(0)).expect("sought");
+        let correlations = from_motion.correlations.as_ref().expect("of a full identification");
+        assert!((0..9).any(|f| correlations[lead][f].abs() > 0.01), "{:?}", correlations[lead]);
     }
 }
 

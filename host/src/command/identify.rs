@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use armid::calibrate::{Estimate, calibrate};
 use armid::identified_model;
 use armid::identify::{
     Experiment, FrictionMode, Identification, Method, Options, Parameter, Prior, Sought, Values, identify,
@@ -41,15 +40,15 @@ pub struct Identify {
     #[arg(long, value_enum, default_value_t)]
     friction: FrictionMode,
     /// Seek the position gains too, as a factor on each; recorded currents count as measurements of it
-    #[arg(long)]
+    #[arg(long, group = "seeks_the_loop")]
     identify_gain: bool,
-    /// With --identify-gain: take no notice of the recorded currents
-    #[arg(long, requires = "identify_gain")]
-    ignore_current: bool,
-    /// Seek the lead of the position loops too, from the recorded command or current, instead of believing manifest and
-    /// robot file
+    /// Seek the leads of the position loops too, one for all recordings, instead of believing manifests and robot file;
+    /// recorded commands or currents say where to start, and count as measurements of it
     #[arg(long)]
     identify_lead: bool,
+    /// With --identify-gain or --identify-lead: do not take the recorded currents for measurements
+    #[arg(long, requires = "seeks_the_loop")]
+    ignore_current: bool,
     /// Length of the upper arm in m: f3 and f4 then follow from f5 and f6 (f3 = a3 f5, f4 = a3 f6)
     #[arg(long, value_name = "METRES", value_parser = length)]
     a3: Option<f64>,
@@ -59,10 +58,10 @@ pub struct Identify {
     /// Bounds on masses, centres and inertias, as `ranges` takes them: tell whether any links within them give this f
     #[arg(long, value_name = "FILE")]
     bounds: Option<PathBuf>,
-    /// Seed of the genetic algorithm
+    /// Seed of the searches
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// How the genetic algorithm reads the bits of a gene [default: binary with --method paper, gray otherwise]
+    /// With --method paper: how the genetic algorithm reads the bits of a gene [default: binary, as in the paper]
     #[arg(long, value_parser = PossibleValuesParser::new(["binary", "gray"]).map(|name| match name.as_str() {
         "gray" => Coding::Gray,
         _ => Coding::Binary,
@@ -88,11 +87,18 @@ pub struct Identify {
 
 impl Identify {
     pub fn run(&self) -> Result<(), CommandError> {
+        if self.coding.is_some() && self.method != Method::Paper {
+            return Err(CommandError::Usage("--coding is for --method paper; leave one out or add the other".into()));
+        }
         let mut robot = self.robot.read_for_simulation()?;
         let bounds = self.bounds.as_deref().map(|path| ArmBounds::read(path, &robot)).transpose()?;
         let mut recordings = read_recordings(&self.recordings, &robot, self.allow_gaps)?;
         let mut held_out = read_recordings(&self.check, &robot, self.allow_gaps)?;
-        let lead = self.identify_lead.then(|| seek_lead(&mut robot, &mut recordings, &mut held_out)).transpose()?;
+        let mut priors = Vec::new();
+        if self.identify_lead {
+            let of_leads = prior::leads_from_current(&mut robot, &mut recordings, &mut held_out)?;
+            priors.extend(of_leads.into_iter().filter(|_| !self.ignore_current));
+        }
         for recording in recordings.iter().chain(&held_out) {
             recording.check_conditions(&robot).map_err(CommandError::Repeating)?;
             advise_other_gains(recording, &robot);
@@ -103,12 +109,18 @@ impl Identify {
                 inputs.iter().chain(&self.robot.robot).chain(&self.prior).chain(&self.bounds).map(PathBuf::as_path);
             check_outputs([out.as_path()], inputs)?;
         }
-        let sought = Sought { friction: self.friction, gain: self.identify_gain, upper_arm_m: self.a3 };
+        let sought = Sought {
+            friction: self.friction,
+            gain: self.identify_gain,
+            lead: self.identify_lead,
+            upper_arm_m: self.a3,
+        };
+        priors.extend(self.priors(&robot, &recordings)?);
         let options = Options {
             method: self.method,
             sought,
             seed: self.seed,
-            priors: self.priors(&robot, &recordings)?,
+            priors,
             filter_hz: self.filter,
             coding: self.coding,
             as_recorded: self.as_recorded,
@@ -122,7 +134,7 @@ impl Identify {
         }
         if self.json {
             let mut object = to_json(&robot, &found, &model, self.seed);
-            object["lead"] = json!(lead);
+            object["lead"] = leads_to_json(&robot, &found);
             object["feasible"] = feasible.map_or(Value::Null, |feasible| feasible.to_json());
             return print_json(&object);
         }
@@ -139,33 +151,6 @@ impl Identify {
         }
         Ok(priors)
     }
-}
-
-/// The leads that the recordings were made with, by `calibrate`, put in place of those noted and those of the robot file.
-fn seek_lead(
-    robot: &mut Robot,
-    recordings: &mut [Recording],
-    held_out: &mut [Recording],
-) -> Result<Vec<Option<Estimate>>, CommandError> {
-    let found: Vec<Option<Estimate>> = calibrate(robot, recordings)?.into_iter().map(|joint| joint.lead).collect();
-    let value = |lead: &Option<Estimate>| lead.as_ref().map_or(0.0, |lead| lead.value);
-    for (joint, lead) in robot.joints.iter_mut().zip(&found) {
-        if let Law::Proportional(position_loop) = &mut joint.law {
-            position_loop.lead = value(lead);
-        }
-        advise(match lead {
-            Some(lead) => {
-                format!("joint {}: lead of {:.3} ± {:.3} ticks", joint.name, lead.value, lead.standard_error)
-            }
-            None => format!("joint {}: no lead that can be told from none", joint.name),
-        });
-    }
-    for manifest in recordings.iter_mut().chain(held_out).filter_map(|recording| recording.manifest.as_mut()) {
-        for (noted, lead) in manifest.joint.iter_mut().zip(&found) {
-            noted.lead = value(lead);
-        }
-    }
-    Ok(found)
 }
 
 /// Tells that a recording is repeated with other gains than the robot file's.
@@ -292,7 +277,9 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
     let parameters: Vec<Value> = found
         .free
         .iter()
-        .map(|&parameter| {
+        .copied()
+        .chain(tied(found))
+        .map(|parameter| {
             json!({
                 "name": parameter.name(robot),
                 "value": found.values.get(parameter),
@@ -331,6 +318,7 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
             "ratio": repeats.ratio(),
         })).collect::<Vec<_>>(),
         "objective_counts2": found.objective_counts2,
+        "least_objective_counts2": found.least_objective_counts2(),
         "rms_counts": found.rms_counts,
         "held_out_rms_counts": found.held_out_rms_counts,
         "innovation_rms_counts": found.innovation_rms_counts,
@@ -350,11 +338,29 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
     object
 }
 
+/// What was not sought itself, but follows from what was.
+fn tied(found: &Identification) -> impl Iterator<Item = Parameter> {
+    let is_tied = found.values.upper_arm_m.is_some();
+    [Parameter::F(2), Parameter::F(3)].into_iter().filter(move |_| is_tied)
+}
+
+/// The leads that were sought, joint by joint: null where none was.
+fn leads_to_json(robot: &Robot, found: &Identification) -> Value {
+    let lead = |joint: usize| {
+        let parameter = Parameter::Lead(joint);
+        found
+            .free
+            .contains(&parameter)
+            .then(|| json!({"value": found.values.get(parameter), "standard_error": found.standard_error(parameter)}))
+    };
+    let leads: Vec<Option<Value>> = (0..robot.joints.len()).map(lead).collect();
+    if leads.iter().all(Option::is_none) { Value::Null } else { json!(leads) }
+}
+
 /// The result for people.
 fn report(robot: &Robot, found: &Identification) -> String {
     let mut lines = vec![format!("{:<22} {:>14} {:>14}  {}", "parameter", "value", "standard error", "relative")];
-    let tied = [Parameter::F(2), Parameter::F(3)].into_iter().filter(|_| found.values.upper_arm_m.is_some());
-    for parameter in found.free.iter().copied().chain(tied) {
+    for parameter in found.free.iter().copied().chain(tied(found)) {
         let value = found.values.get(parameter);
         let (error, relative) = match found.standard_error(parameter) {
             Some(error) => (format!("{error:.3e}"), format!("{:.3} %", 100.0 * (error / value).abs())),
@@ -372,6 +378,9 @@ fn report(robot: &Robot, found: &Identification) -> String {
         found.objective_counts2,
         list(&found.innovation_rms_counts)
     ));
+    if let (Some(least), true) = (found.least_objective_counts2(), found.standard_errors.is_some()) {
+        lines.push(format!("least Y found within a few standard errors: {least:.0} counts²"));
+    }
     if !found.held_out_rms_counts.is_empty() {
         lines.push(format!(
             "held out: closed-loop difference {} counts rms; innovations {} counts rms",

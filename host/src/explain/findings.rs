@@ -305,7 +305,7 @@ fn extended(
                 extended.coulomb_nm[joint] = value;
                 extended.coulomb_standard_error.get_or_insert(vec![0.0; joints])[joint] = error;
             }
-            Parameter::TorqueOffset(_) | Parameter::Gain(_) => {}
+            Parameter::TorqueOffset(_) | Parameter::Gain(_) | Parameter::Lead(_) => {}
         }
     }
     extended.effects = hypothesis

@@ -1,5 +1,7 @@
 //! Recordings made ready for simulation, and the two residuals every stage works with.
 
+use std::borrow::Cow;
+
 use shared::control::{Cascade, Law, LawState, PositionLaw, SampledTiming};
 use shared::drive::{centre_of_count, mean_count};
 use shared::plant::{Plant, State};
@@ -8,7 +10,7 @@ use shared::replay::{ClosedLoopTick, ReplaySettings};
 use super::IdentifyError;
 use super::followed::Followed;
 use super::low_pass::low_pass;
-use super::parameters::Values;
+use super::parameters::{Parameter, Values};
 use super::simulation::Simulation;
 use crate::recording::{Manifest, Recording};
 use crate::robot::{self, Robot};
@@ -234,6 +236,31 @@ impl<'a> Experiment<'a> {
         }
     }
 
+    /// This experiment with the leads of `values` in the place of those that the recordings were made with, for what
+    /// judges many candidates of the same leads.
+    pub(super) fn led(&self, values: &Values) -> Cow<'_, Self> {
+        if values.lead == [None; 2] {
+            return Cow::Borrowed(self);
+        }
+        let mut experiment = self.clone();
+        for segment in &mut experiment.segments {
+            for (law, lead) in segment.laws.iter_mut().zip(values.lead) {
+                if let (Law::Proportional(position_loop), Some(lead)) = (law, lead) {
+                    position_loop.lead = lead;
+                }
+            }
+        }
+        Cow::Owned(experiment)
+    }
+
+    /// The leads that the first recording was made with, of the joints whose lead is in `free`.
+    pub(super) fn recorded_leads(&self, free: &[Parameter]) -> [Option<f64>; 2] {
+        [0, 1].map(|joint| match self.segments.first()?.laws[joint] {
+            Law::Proportional(position_loop) if free.contains(&Parameter::Lead(joint)) => Some(position_loop.lead),
+            _ => None,
+        })
+    }
+
     fn simulation(&self, values: &Values) -> Simulation<'_, Plant<f64>> {
         Simulation { experiment: self, plant: values.plant(self.robot) }
     }
@@ -242,7 +269,7 @@ impl<'a> Experiment<'a> {
     pub fn closed_loop(&self, values: &Values, segment: &Segment, fineness: Fineness) -> Vec<ClosedLoopTick<f64>> {
         let settings = self.settings(self.closed_loop_substeps(fineness));
         let mut ticks = Vec::with_capacity(segment.error_counts.len());
-        self.simulation(values).closed_loop(segment, &settings, |_, tick, _| ticks.push(*tick));
+        self.simulation(values).closed_loop_led(segment, &settings, &values.lead, |_, tick, _| ticks.push(*tick));
         ticks
     }
 
@@ -253,7 +280,7 @@ impl<'a> Experiment<'a> {
         let settings = self.settings(self.closed_loop_substeps(Fineness::Coarse));
         let mut sum = 0.0;
         for segment in &self.segments {
-            simulation.closed_loop(segment, &settings, |_, _, difference| {
+            simulation.closed_loop_led(segment, &settings, &values.lead, |_, _, difference| {
                 sum += difference.iter().take(self.robot.joints.len()).map(|x| x * x).sum::<f64>();
             });
         }
@@ -265,14 +292,21 @@ impl<'a> Experiment<'a> {
         let simulation = self.simulation(values);
         let settings = self.settings(self.closed_loop_substeps(fineness));
         let of = |segment: &Segment| {
-            columns(segment, |push| simulation.closed_loop(segment, &settings, |_, _, difference| push(difference)))
+            columns(segment, |push| {
+                simulation.closed_loop_led(segment, &settings, &values.lead, |_, _, difference| push(difference))
+            })
         };
         self.segments.iter().map(of).collect()
     }
 
     /// Root mean square of the closed-loop differences per joint of the robot, in counts.
     pub fn closed_loop_rms_counts(&self, values: &Values) -> Vec<f64> {
-        self.rms(&self.closed_loop_differences(values, Fineness::Fine), |segment| 0..segment.error_counts.len())
+        self.rms_counts(values, Fineness::Fine)
+    }
+
+    /// The same, integrated as finely as said.
+    pub(super) fn rms_counts(&self, values: &Values, fineness: Fineness) -> Vec<f64> {
+        self.rms(&self.closed_loop_differences(values, fineness), |segment| 0..segment.error_counts.len())
     }
 
     /// Innovations in counts, per segment and joint, at every sample.
@@ -280,7 +314,9 @@ impl<'a> Experiment<'a> {
         let simulation = self.simulation(values);
         let settings = self.settings(self.innovation_substeps);
         let of = |segment: &Segment| {
-            columns(segment, |push| simulation.innovations(segment, &settings, |_, innovation| push(innovation)))
+            columns(segment, |push| {
+                simulation.innovations_led(segment, &settings, &values.lead, |_, innovation| push(innovation))
+            })
         };
         self.segments.iter().map(of).collect()
     }

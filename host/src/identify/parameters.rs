@@ -4,7 +4,7 @@ use shared::arm::{Arm, PARAMETERS};
 use shared::drive::Drive;
 use shared::plant::Plant;
 
-use crate::robot::{Kind, Robot};
+use crate::robot::{Kind, Law, Robot};
 
 /// One number that identification may seek.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +19,8 @@ pub enum Parameter {
     TorqueOffset(usize),
     /// What the amplifier makes of a joint's command: a factor on the position gain, 1 where the robot file is right.
     Gain(usize),
+    /// Lead β of a joint's position loop, in loop ticks.
+    Lead(usize),
 }
 
 impl Parameter {
@@ -32,6 +34,7 @@ impl Parameter {
             (Self::Coulomb(index), _) => format!("Coulomb friction {}", joint(index)),
             (Self::TorqueOffset(index), _) => format!("torque offset {}", joint(index)),
             (Self::Gain(index), _) => format!("gain factor {}", joint(index)),
+            (Self::Lead(index), _) => format!("lead {}", joint(index)),
         }
     }
 }
@@ -49,6 +52,8 @@ pub struct Values {
     pub torque_offset_nm: [f64; 2],
     /// Factors on the position gains.
     pub gain: [f64; 2],
+    /// Leads of the position loops in ticks; none where each recording's own is believed.
+    pub lead: [Option<f64>; 2],
     /// Length of the upper arm in m where it is given: f3 and f4 then follow from f5 and f6.
     pub upper_arm_m: Option<f64>,
 }
@@ -62,6 +67,7 @@ impl Values {
             coulomb_nm: [0.0; 2],
             torque_offset_nm: [0.0; 2],
             gain: [1.0; 2],
+            lead: [None; 2],
             upper_arm_m: None,
         };
         for (index, joint) in robot.joints.iter().enumerate().take(2) {
@@ -79,6 +85,7 @@ impl Values {
             Parameter::Coulomb(joint) => self.coulomb_nm[joint],
             Parameter::TorqueOffset(joint) => self.torque_offset_nm[joint],
             Parameter::Gain(joint) => self.gain[joint],
+            Parameter::Lead(joint) => self.lead[joint].unwrap_or(0.0),
         }
     }
 
@@ -96,6 +103,7 @@ impl Values {
             Parameter::Coulomb(joint) => self.coulomb_nm[joint] = value,
             Parameter::TorqueOffset(joint) => self.torque_offset_nm[joint] = value,
             Parameter::Gain(joint) => self.gain[joint] = value,
+            Parameter::Lead(joint) => self.lead[joint] = Some(value),
         }
     }
 
@@ -167,12 +175,14 @@ pub struct Sought {
     pub friction: FrictionMode,
     /// Whether the position gains are sought too.
     pub gain: bool,
+    /// Whether the leads of the position loops are sought too.
+    pub lead: bool,
     /// Length of the upper arm in m, where f3 and f4 are to follow from f5 and f6.
     pub upper_arm_m: Option<f64>,
 }
 
 /// The parameters that are free for this robot: f (the mass alone on a single axis), friction where it is unknown or
-/// asked for, gains where asked for, and on a single axis the torque offset, which nothing else there could take up.
+/// asked for, gains and leads where asked for, and on a single axis the torque offset, which nothing else there could take up.
 pub fn free_parameters(robot: &Robot, sought: &Sought) -> Vec<Parameter> {
     let tied = |index: usize| sought.upper_arm_m.is_some() && (index == 2 || index == 3);
     let mut free: Vec<Parameter> = match robot.kind {
@@ -193,6 +203,10 @@ pub fn free_parameters(robot: &Robot, sought: &Sought) -> Vec<Parameter> {
     }
     if sought.gain {
         free.extend((0..robot.joints.len()).map(Parameter::Gain));
+    }
+    if sought.lead {
+        let has_lead = |&joint: &usize| matches!(robot.joints[joint].law, Law::Proportional(_));
+        free.extend((0..robot.joints.len()).filter(has_lead).map(Parameter::Lead));
     }
     free
 }

@@ -1,4 +1,4 @@
-//! The genetic algorithm on the paper's objective.
+//! Searches for the least of the paper's objective: by its genetic algorithm, and by an evolution strategy.
 
 use std::collections::HashMap;
 
@@ -9,6 +9,7 @@ use shared::genetic::{Genetic, Range, Settings};
 use super::IdentifyError;
 use super::experiment::Experiment;
 use super::parameters::{Parameter, Values};
+use crate::searchers::{Problem, evolution_strategy};
 
 /// Individuals in a subpopulation and subpopulations, as the paper has them.
 const INDIVIDUALS: usize = 20;
@@ -17,10 +18,10 @@ const SUBPOPULATIONS: usize = 4;
 /// One generation's outcome.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Generation {
-    /// Best objective so far over all subpopulations, counts².
+    /// Best objective so far, counts².
     pub best_counts2: f64,
-    /// Best objective of each subpopulation, counts².
-    pub subpopulations_counts2: [f64; SUBPOPULATIONS],
+    /// Candidates judged so far.
+    pub evaluations: usize,
 }
 
 /// What a search found.
@@ -46,30 +47,52 @@ pub struct SearchBox<'a> {
     pub known: &'a Values,
     /// A known good candidate, put into the first population.
     pub start: Option<&'a [f64]>,
-    /// The algorithm's settings: the paper's by default.
-    pub settings: Settings,
+    /// The searcher and its settings.
+    pub searcher: Searcher,
 }
 
-/// Minimises the paper's Y over `place` with the paper's genetic algorithm. The same seed gives the same result.
+/// Who searches.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Searcher {
+    /// The genetic algorithm.
+    Genetic(Settings),
+    /// CMA-ES within a number of candidates.
+    EvolutionStrategy {
+        /// How it begins; its start is the box's own.
+        settings: evolution_strategy::Settings,
+        /// How many candidates it may judge.
+        budget: usize,
+    },
+}
+
+/// Minimises the paper's Y over `place`. The same seed gives the same result, on however many threads.
 pub fn search(
     experiment: &Experiment,
     place: &SearchBox,
     seed: u64,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Found, IdentifyError> {
+    let experiment = &*experiment.led(place.known);
+    let settings = match &place.searcher {
+        Searcher::Genetic(settings) => *settings,
+        Searcher::EvolutionStrategy { settings, budget } => {
+            return Ok(evolve(experiment, place, settings, *budget, seed, progress));
+        }
+    };
     // The chromosome's length is part of the type; these are the numbers of parameters a robot can have.
     match place.free.len() {
-        0..=4 => search_sized::<4>(experiment, place, seed, progress),
-        5..=9 => search_sized::<9>(experiment, place, seed, progress),
-        10..=13 => search_sized::<13>(experiment, place, seed, progress),
+        0..=4 => search_sized::<4>(experiment, place, settings, seed, progress),
+        5..=9 => search_sized::<9>(experiment, place, settings, seed, progress),
+        10..=13 => search_sized::<13>(experiment, place, settings, seed, progress),
         // With the torque offsets.
-        _ => search_sized::<15>(experiment, place, seed, progress),
+        _ => search_sized::<15>(experiment, place, settings, seed, progress),
     }
 }
 
 fn search_sized<const GENES: usize>(
     experiment: &Experiment,
     place: &SearchBox,
+    settings: Settings,
     seed: u64,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Found, IdentifyError> {
@@ -86,7 +109,7 @@ fn search_sized<const GENES: usize>(
         objectives.copy_from_slice(&judge.objectives_counts2(&values));
     };
     let random = Pcg64Mcg::seed_from_u64(seed);
-    let mut genetic = Genetic::<GENES, INDIVIDUALS, SUBPOPULATIONS, _>::new(place.settings, ranges, random)?;
+    let mut genetic = Genetic::<GENES, INDIVIDUALS, SUBPOPULATIONS, _>::new(settings, ranges, random)?;
     if let Some(start) = place.start {
         let mut genes = [0.0; GENES];
         genes[..used].copy_from_slice(start);
@@ -97,10 +120,69 @@ fn search_sized<const GENES: usize>(
     genetic.run(&mut objective, |state| {
         let (genes, best_counts2) = state.best();
         leaders.push(values_of(&genes));
-        generations
-            .push(Generation { best_counts2, subpopulations_counts2: std::array::from_fn(|s| state.best_of(s).1) });
+        generations.push(Generation { best_counts2, evaluations: state.evaluations() as usize });
         progress(best_counts2);
     });
+    let fallback = values_of(&genetic.best().0);
+    Ok(conclude(judge, leaders, generations, fallback, genetic.evaluations() as usize))
+}
+
+/// CMA-ES in the box of `place`.
+fn evolve(
+    experiment: &Experiment,
+    place: &SearchBox,
+    settings: &evolution_strategy::Settings,
+    budget: usize,
+    seed: u64,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Found {
+    let values_of = |unit: &[f64]| {
+        let genes: Vec<f64> =
+            unit.iter().zip(place.ranges).map(|(share, [low, high])| low + share * (high - low)).collect();
+        place.known.with(place.free, &genes)
+    };
+    let unit_of = |genes: &[f64]| -> Vec<f64> {
+        genes.iter().zip(place.ranges).map(|(gene, [low, high])| (gene - low) / (high - low)).collect()
+    };
+    let settings = evolution_strategy::Settings { start: place.start.map(unit_of), ..settings.clone() };
+    let mut judge = Judge::new(experiment);
+    let (mut leaders, mut generations): (Vec<Values>, Vec<Generation>) = (Vec::new(), Vec::new());
+    let (mut evaluations, mut best) = (0, f64::INFINITY);
+    let mut judge_all = |_: usize, _: usize, candidates: &[Vec<f64>]| {
+        let mut values: Vec<Values> = candidates.iter().map(|unit| values_of(unit)).collect();
+        // What the search starts from is a candidate too.
+        if generations.is_empty() {
+            values.extend(place.start.map(|start| place.known.with(place.free, start)));
+        }
+        let mut objectives = judge.objectives_counts2(&values);
+        evaluations += values.len();
+        let leader = (0..values.len()).min_by(|&a, &b| objectives[a].total_cmp(&objectives[b])).unwrap_or(0);
+        if objectives[leader] < best || leaders.is_empty() {
+            best = objectives[leader];
+            leaders.push(values[leader]);
+        } else {
+            leaders.push(leaders[leaders.len() - 1]);
+        }
+        generations.push(Generation { best_counts2: best, evaluations });
+        progress(best);
+        objectives.truncate(candidates.len());
+        objectives
+    };
+    let mut problem = Problem::new(place.free.len(), budget, 1, &mut judge_all);
+    evolution_strategy::run(&mut problem, &settings, &mut Pcg64Mcg::seed_from_u64(seed));
+    let fallback = leaders.last().copied().unwrap_or(*place.known);
+    conclude(judge, leaders, generations, fallback, evaluations)
+}
+
+/// The outcome of a search whose best candidate was `leaders[k]` after generation k; `fallback` stands where none was
+/// judged to a finite objective.
+fn conclude(
+    mut judge: Judge,
+    leaders: Vec<Values>,
+    mut generations: Vec<Generation>,
+    fallback: Values,
+    evaluations: usize,
+) -> Found {
     judge.judge_exactly(leaders.iter().copied());
     for (generation, leader) in generations.iter_mut().zip(&leaders) {
         generation.best_counts2 = judge.exact_counts2(leader).unwrap_or(generation.best_counts2);
@@ -109,11 +191,11 @@ fn search_sized<const GENES: usize>(
     for k in 1..generations.len() {
         generations[k].best_counts2 = generations[k].best_counts2.min(generations[k - 1].best_counts2);
     }
-    let (values, objective_counts2) = judge.best().unwrap_or((values_of(&genetic.best().0), f64::INFINITY));
+    let (values, objective_counts2) = judge.best().unwrap_or((fallback, f64::INFINITY));
     if let Some(last) = generations.last_mut() {
         last.best_counts2 = objective_counts2;
     }
-    Ok(Found { values, objective_counts2, evaluations: genetic.evaluations() as usize, generations })
+    Found { values, objective_counts2, evaluations, generations }
 }
 
 /// How much better than the best a candidate may really be than it looks in single precision, as a share of the
@@ -126,7 +208,9 @@ const DOUBT: f64 = 2e-4;
 /// judged again in double precision. What came before, as copies that selection makes do, is not simulated again.
 pub struct Judge<'a> {
     experiment: &'a Experiment<'a>,
-    fast_counts2: HashMap<Key, f64>,
+    /// Where in `fast_counts2` a candidate's objective is.
+    places: HashMap<Key, usize>,
+    fast_counts2: Vec<f64>,
     exact_counts2: HashMap<Key, f64>,
     leading: Vec<(Values, f64)>,
     least_counts2: f64,
@@ -136,9 +220,14 @@ pub struct Judge<'a> {
 type Key = Vec<u64>;
 
 fn key(values: &Values) -> Key {
-    let Values { f, viscous_nm_s_per_rad, coulomb_nm, torque_offset_nm, gain, upper_arm_m } = values;
+    let Values { f, viscous_nm_s_per_rad, coulomb_nm, torque_offset_nm, gain, lead, upper_arm_m } = values;
     let pairs = [viscous_nm_s_per_rad, coulomb_nm, torque_offset_nm, gain];
-    f.iter().chain(pairs.into_iter().flatten()).chain(upper_arm_m).map(|number| number.to_bits()).collect()
+    f.iter()
+        .chain(pairs.into_iter().flatten())
+        .chain(lead.iter().flatten())
+        .chain(upper_arm_m)
+        .map(|number| number.to_bits())
+        .collect()
 }
 
 impl<'a> Judge<'a> {
@@ -146,7 +235,8 @@ impl<'a> Judge<'a> {
     pub fn new(experiment: &'a Experiment<'a>) -> Self {
         Self {
             experiment,
-            fast_counts2: HashMap::new(),
+            places: HashMap::new(),
+            fast_counts2: Vec::new(),
             exact_counts2: HashMap::new(),
             leading: Vec::new(),
             least_counts2: f64::INFINITY,
@@ -157,26 +247,29 @@ impl<'a> Judge<'a> {
     /// have.
     pub fn objectives_counts2(&mut self, candidates: &[Values]) -> Vec<f64> {
         let experiment = self.experiment;
-        let keys: Vec<Key> = candidates.iter().map(key).collect();
-        let mut new: Vec<usize> = Vec::new();
-        for (index, candidate) in candidates.iter().enumerate() {
-            if !self.fast_counts2.contains_key(&keys[index]) {
-                // A copy within the call, or what no arm could have, is not simulated.
-                self.fast_counts2.insert(keys[index].clone(), f64::INFINITY);
+        let mut new: Vec<(usize, Values)> = Vec::new();
+        let place_of = |candidate: &Values| {
+            // A copy, within the call or from before, is not simulated, nor what no arm could have.
+            let next = self.fast_counts2.len();
+            let place = *self.places.entry(key(candidate)).or_insert(next);
+            if place == next {
+                self.fast_counts2.push(f64::INFINITY);
                 if acceptable(experiment, candidate) {
-                    new.push(index);
+                    new.push((place, *candidate));
                 }
             }
-        }
-        let plants: Vec<_> = new.iter().map(|&index| candidates[index].plant(experiment.robot)).collect();
-        for (&index, objective) in new.iter().zip(experiment.search_objectives_counts2(&plants)) {
-            self.fast_counts2.insert(keys[index].clone(), objective);
+            place
+        };
+        let places: Vec<usize> = candidates.iter().map(place_of).collect();
+        let plants: Vec<_> = new.iter().map(|(_, values)| values.plant(experiment.robot)).collect();
+        for ((place, values), objective) in new.into_iter().zip(experiment.search_objectives_counts2(&plants)) {
+            self.fast_counts2[place] = objective;
             if objective <= self.least_counts2 * (1.0 + DOUBT) {
-                self.leading.push((candidates[index], objective));
+                self.leading.push((values, objective));
                 self.least_counts2 = self.least_counts2.min(objective);
             }
         }
-        keys.iter().map(|key| self.fast_counts2[key]).collect()
+        places.into_iter().map(|place| self.fast_counts2[place]).collect()
     }
 
     /// The best candidate so far and its objective, both by double precision; the first of several equal ones. None

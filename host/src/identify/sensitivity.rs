@@ -82,6 +82,13 @@ fn on_lanes<S: Simd>(
         value: Wide::<S>::splat(machine, constant(&plant)),
         slope: Wide::from_fn(machine, |lane| ends.get(lane).map_or(0.0, |[zero, one]| constant(one) - constant(zero))),
     };
+    // A lead is no constant of the plant, but of the law that drives it.
+    let leads = [0, 1].map(|joint: usize| {
+        values.lead[joint].map(|lead| Dual {
+            value: Wide::<S>::splat(machine, lead),
+            slope: Wide::from_fn(machine, |lane| f64::from(u8::from(free.get(lane) == Some(&Parameter::Lead(joint))))),
+        })
+    });
     let simulation = Simulation { experiment, plant: Plant::from_constants(number) };
     let samples = segment.error_counts.len();
     let mut columns: Vec<[Vec<f64>; 2]> =
@@ -95,11 +102,11 @@ fn on_lanes<S: Simd>(
     match which {
         Residual::ClosedLoop(fineness) => {
             let settings = experiment.settings(experiment.closed_loop_substeps(fineness));
-            simulation.closed_loop(segment, &settings, |_, _, difference| push(difference));
+            simulation.closed_loop_led(segment, &settings, &leads, |_, _, difference| push(difference));
         }
         Residual::Innovations => {
             let settings = experiment.settings(experiment.innovation_substeps);
-            simulation.innovations(segment, &settings, |_, innovation| push(innovation));
+            simulation.innovations_led(segment, &settings, &leads, |_, innovation| push(innovation));
         }
     }
     columns

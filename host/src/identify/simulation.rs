@@ -1,7 +1,7 @@
 //! The model on a segment, in any number type: plain numbers for a result, lanes for many candidates at once, dual
 //! numbers for sensitivities.
 
-use shared::control::LawState;
+use shared::control::{LawState, PositionLaw};
 use shared::machine::{Machine, Movable};
 use shared::plant::State;
 use shared::replay::{ClosedLoop, ClosedLoopTick, Innovations, RecordedSample, ReplaySettings};
@@ -19,6 +19,9 @@ pub struct Simulation<'a, P> {
 
 /// The motion of a model at a sample.
 pub type Motion<P> = <<P as Movable>::Machine as Machine<<P as Movable>::Number>>::Motion;
+
+/// Leads of the position loops in ticks that stand for the recorded ones, where they are given.
+pub type Leads<N> = [Option<N>; 2];
 
 #[inline(always)]
 fn pair<N: Scalar, M: Machine<N>>(machine: &M, values: [f64; 2]) -> [N; 2] {
@@ -42,6 +45,12 @@ impl<P: Movable> Simulation<'_, P> {
         [law(0), law(1)]
     }
 
+    /// As [`Self::laws`], with other leads.
+    fn laws_led(&self, machine: &P::Machine, segment: &Segment, leads: &Leads<P::Number>) -> [LawState<P::Number>; 2] {
+        let [first, second] = self.laws(machine, segment);
+        [led(first, leads[0]), led(second, leads[1])]
+    }
+
     pub(crate) fn start(machine: &P::Machine, segment: &Segment) -> Motion<P> {
         let state = State {
             position_rad: pair(machine, segment.start.position_rad),
@@ -57,11 +66,23 @@ impl<P: Movable> Simulation<'_, P> {
         &self,
         segment: &Segment,
         settings: &ReplaySettings,
+        sample: impl FnMut(usize, &ClosedLoopTick<P::Number>, [P::Number; 2]),
+    ) {
+        self.closed_loop_led(segment, settings, &[None; 2], sample);
+    }
+
+    /// As [`Self::closed_loop`], with other leads.
+    #[inline(always)]
+    pub fn closed_loop_led(
+        &self,
+        segment: &Segment,
+        settings: &ReplaySettings,
+        leads: &Leads<P::Number>,
         mut sample: impl FnMut(usize, &ClosedLoopTick<P::Number>, [P::Number; 2]),
     ) {
         let machine = self.plant.machine();
         let start = Self::start(&machine, segment);
-        let mut model = ClosedLoop::of(machine, self.laws(&machine, segment), settings, start);
+        let mut model = ClosedLoop::of(machine, self.laws_led(&machine, segment, leads), settings, start);
         for k in 0..segment.error_counts.len() {
             let reference = segment.model_reference_counts[k];
             let tick = model.tick(pair(&machine, reference), pair(&machine, segment.added_torque_nm[k]));
@@ -73,38 +94,73 @@ impl<P: Movable> Simulation<'_, P> {
         }
     }
 
-    /// Follows a segment under the recorded command; `sample` gets the number of each and its innovation in counts.
+    /// Follows a segment under the recorded command; `sample` gets the number of each and its innovation in counts. Where
+    /// a joint's lead is given its command is not the recorded one but what its law makes of the recorded errors, so
+    /// that the motion says how much lead there was.
     #[inline(always)]
-    pub fn innovations(
+    pub fn innovations_led(
         &self,
         segment: &Segment,
         settings: &ReplaySettings,
+        leads: &Leads<P::Number>,
         mut sample: impl FnMut(usize, [P::Number; 2]),
     ) {
-        self.innovations_and_motion(segment, settings, |k, innovation, _| sample(k, innovation));
+        self.innovations_and_motion_led(segment, settings, leads, |k, innovation, _| sample(k, innovation));
     }
 
-    /// As [`Self::innovations`], with the motion the model had come to at each sample, before its correction: the
+    /// As [`Self::innovations_led`], with the recorded leads and the motion the model had come to at each sample, before its correction: the
     /// current it would measure, where it is a plant with effects (the first sample's apart).
     #[inline(always)]
     pub fn innovations_and_motion(
         &self,
         segment: &Segment,
         settings: &ReplaySettings,
+        sample: impl FnMut(usize, [P::Number; 2], &Motion<P>),
+    ) {
+        self.innovations_and_motion_led(segment, settings, &[None; 2], sample);
+    }
+
+    #[inline(always)]
+    fn innovations_and_motion_led(
+        &self,
+        segment: &Segment,
+        settings: &ReplaySettings,
+        leads: &Leads<P::Number>,
         mut sample: impl FnMut(usize, [P::Number; 2], &Motion<P>),
     ) {
         let machine = self.plant.machine();
         let start = Self::start(&machine, segment);
-        let mut model = Innovations::of(machine, self.laws(&machine, segment), settings, start);
+        let mut model = Innovations::of(machine, self.laws_led(&machine, segment, leads), settings, start);
+        // The robot's own laws again, which see what was recorded.
+        let law =
+            |joint: usize| led(LawState::new(segment.laws[joint].map(|value| machine.number(value))), leads[joint]);
+        let mut recorded_laws = [law(0), law(1)];
         for k in 0..segment.error_counts.len() {
             let motion = *model.motion();
+            let mut command_a = pair(&machine, segment.command_a[k]);
+            for joint in 0..2 {
+                if leads[joint].is_some() {
+                    let reference_counts = machine.number(segment.reference_counts[k][joint]);
+                    let actual_counts = machine.number(segment.actual_counts[k][joint]);
+                    command_a[joint] = recorded_laws[joint].command_a(reference_counts, actual_counts);
+                }
+            }
             let innovation = model.tick(&RecordedSample {
                 reference_counts: pair(&machine, segment.model_reference_counts[k]),
                 measured_counts: pair(&machine, segment.measured_counts[k]),
-                command_a: pair(&machine, segment.command_a[k]),
+                command_a,
                 added_torque_nm: pair(&machine, segment.added_torque_nm[k]),
             });
             sample(k, innovation, &motion);
         }
+    }
+}
+
+/// A law with another lead, where one is given.
+#[inline(always)]
+fn led<N: Scalar>(law: LawState<N>, lead: Option<N>) -> LawState<N> {
+    match lead {
+        Some(lead) => law.with_lead(lead),
+        None => law,
     }
 }

@@ -133,6 +133,25 @@ fn a_real_axis_is_explained() {
     assert!(before > 2.4 && after <= 1.2, "{before} {after}");
 }
 
+/// f3 = a3 f5 and f4 = a3 f6 are not sought, but their values and standard errors are told like all others.
+#[test]
+fn what_follows_from_other_parameters_is_told_with_its_standard_error() {
+    let bench = Bench::new().with_recording();
+    let found = bench.json("identify run.csv --robot robot.toml --a3 0.4318");
+    let parameters = found["parameters"].as_array().unwrap();
+    let of = |name: &str, what: &str| {
+        let parameter = parameters.iter().find(|parameter| parameter["name"] == name);
+        parameter.unwrap_or_else(|| panic!("no {name}"))[what].as_f64().unwrap()
+    };
+    for (tied, source) in [("f3", "f5"), ("f4", "f6")] {
+        for what in ["value", "standard_error"] {
+            assert!((of(tied, what) - 0.4318 * of(source, what)).abs() < 1e-12, "{tied}: {what}");
+        }
+    }
+    // Only the paper's own method reads bits.
+    bench.refused(USAGE, "identify run.csv --robot robot.toml --coding gray", &["--method paper"]);
+}
+
 #[test]
 fn results_never_destroy_what_they_are_made_of() {
     let bench = Bench::new().with_recording();

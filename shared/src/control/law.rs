@@ -100,6 +100,14 @@ impl<S> LawState<S> {
         let actual = actual_counts - counts_per_tick;
         Self { law, memory: Some(Memory { error: error_counts, actual, actual_before: actual - counts_per_tick }) }
     }
+
+    /// The same with another lead, in ticks. A cascade has none and stays as it is.
+    pub fn with_lead(mut self, lead: S) -> Self {
+        if let Law::Proportional(position_loop) = &mut self.law {
+            position_loop.lead = lead;
+        }
+        self
+    }
 }
 
 impl<S: Scalar> PositionLaw<S> for LawState<S> {

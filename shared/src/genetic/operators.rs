@@ -93,9 +93,11 @@ pub fn mutate<const GENES: usize>(
     probability: f64,
     random: &mut impl Rng,
 ) {
+    // As `uniform(random) < probability`, both sides times 2^32, which is exact.
+    let flips_below = probability * 4_294_967_296.0;
     for gene in chromosome {
         for bit in 0..bits_per_gene {
-            *gene ^= u32::from(uniform(random) < probability) << bit;
+            *gene ^= u32::from(f64::from(random.next_u32()) < flips_below) << bit;
         }
     }
 }

@@ -2,41 +2,55 @@
 
 use super::coding::{Coding, Range};
 
-/// Everything that can be chosen about a run. `Settings::default()` is the paper's genetic algorithm.
+/// Everything that can be chosen about a run.
+///
+/// [`Settings::paper`] is the paper's genetic algorithm; `Settings::default()` is what comes nearest the minimum of all
+/// settings that the host's study `armid bench ga` tries.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
-    /// Resolution of every gene, 1 to 32 bits; default 20, so one step is a millionth of the range.
+    /// Resolution of every gene, 1 to 32 bits; 20 in both, so one step is a millionth of the range.
     pub bits_per_gene: u32,
-    /// How the bits of a gene are read as a number; default [`Coding::Binary`].
+    /// How the bits of a gene are read as a number: [`Coding::Binary`] in the paper, [`Coding::Gray`] by default.
     pub coding: Coding,
-    /// Expected number of copies of the best individual relative to the mean, 1 (no selection) to 2; default 2.
+    /// Expected number of copies of the best individual relative to the mean, 1 (no selection) to 2; 2 in both.
     pub selective_pressure: f64,
-    /// Probability, 0 to 1, that a pair of parents exchanges genetic material; default 0.6.
+    /// Probability, 0 to 1, that a pair of parents exchanges genetic material; 0.6 in both.
     pub crossover_probability: f64,
-    /// Probability, 0 to 1, that a bit flips. `None`, the default, is 0.7 / (bits in the chromosome), the value of the
-    /// Sheffield toolbox: half of all offspring then stay as crossover made them. The paper names no number.
+    /// How many bits of a chromosome flip on average, 0 to 1000, where no probability is given. The paper names no number;
+    /// with the 0.7 of the Sheffield toolbox, taken for it, half of all offspring stay as crossover made them. 2 by
+    /// default.
+    pub expected_mutations: f64,
+    /// Probability, 0 to 1, that a bit flips; `None`, in both, for [`Self::expected_mutations`] over the bits there are.
     pub mutation_probability: Option<f64>,
-    /// Fraction of a subpopulation, 0 to 1, that its offspring replace in a generation; default 0.94, which of 20
+    /// Fraction of a subpopulation, 0 to 1, that its offspring replace in a generation; 0.94 in both, which of 20
     /// individuals leaves 1. Rounded to whole individuals; at least one is replaced and at least one survives, so the
     /// best objective never gets worse.
     pub generation_gap: f64,
-    /// Fraction of a subpopulation, 0 to 0.5, replaced by migrants; default 0.3. Rounded to whole individuals. More
+    /// Fraction of a subpopulation, 0 to 0.5, replaced by migrants; 0.3 in both. Rounded to whole individuals. More
     /// than half would overwrite individuals that are themselves leaving for other subpopulations.
     pub migration_rate: f64,
-    /// Generations from one migration to the next, at least 1. The paper names no number; the default 20 is what both
-    /// the Sheffield toolbox's multi-population example and GEATbx use.
+    /// Generations from one migration to the next, at least 1. The paper names no number; 20, taken for it, is what both
+    /// the Sheffield toolbox's multi-population example and GEATbx use. 5 by default.
     pub migration_interval: u32,
-    /// Generations after which [`Genetic::run`](super::Genetic::run) ends; default 40.
+    /// Generations after which [`Genetic::run`](super::Genetic::run) ends; 40 in both.
     pub generations: u32,
 }
 
 impl Default for Settings {
     fn default() -> Self {
+        Self { coding: Coding::Gray, expected_mutations: 2.0, migration_interval: 5, ..Self::paper() }
+    }
+}
+
+impl Settings {
+    /// The paper's genetic algorithm, with the toolbox's numbers where the paper names none.
+    pub const fn paper() -> Self {
         Self {
             bits_per_gene: 20,
             coding: Coding::Binary,
             selective_pressure: 2.0,
             crossover_probability: 0.6,
+            expected_mutations: 0.7,
             mutation_probability: None,
             generation_gap: 0.94,
             migration_rate: 0.3,
@@ -44,9 +58,7 @@ impl Default for Settings {
             generations: 40,
         }
     }
-}
 
-impl Settings {
     /// Refuses the first setting that is outside its limits.
     pub(super) fn validate(&self) -> Result<(), Error> {
         let mutation_probability = self.mutation_probability.unwrap_or(0.0);
@@ -54,6 +66,7 @@ impl Settings {
             ("bits_per_gene", f64::from(self.bits_per_gene), 1.0, 32.0),
             ("selective_pressure", self.selective_pressure, 1.0, 2.0),
             ("crossover_probability", self.crossover_probability, 0.0, 1.0),
+            ("expected_mutations", self.expected_mutations, 0.0, 1000.0),
             ("mutation_probability", mutation_probability, 0.0, 1.0),
             ("generation_gap", self.generation_gap, 0.0, 1.0),
             ("migration_rate", self.migration_rate, 0.0, 0.5),
@@ -68,7 +81,7 @@ impl Settings {
 
     /// Probability that one of `bits` bits flips.
     pub(super) fn mutation_probability(&self, bits: usize) -> f64 {
-        self.mutation_probability.unwrap_or(0.7 / bits as f64)
+        self.mutation_probability.unwrap_or((self.expected_mutations / bits as f64).min(1.0))
     }
 
     /// Offspring bred in a generation by a subpopulation of `individuals`.
@@ -93,7 +106,7 @@ pub enum Error {
     /// A setting outside its limits.
     #[error(
         "genetic algorithm: {setting} = {value} is not within {low} to {high}; choose a value within, or leave it at \
-         the paper's (Settings::default())"
+         the paper's (Settings::paper())"
     )]
     Setting {
         /// Name of the field of [`Settings`].

@@ -8,7 +8,7 @@ use crate::common::{Paper, coding, each, paper, random, rastrigin, sphere};
 
 #[test]
 fn the_default_is_what_the_paper_lists() {
-    let settings = Settings::default();
+    let settings = Settings::paper();
     assert_eq!(
         (settings.selective_pressure, settings.crossover_probability, settings.migration_rate, settings.generation_gap),
         (2.0, 0.6, 0.3, 0.94)
@@ -18,7 +18,7 @@ fn the_default_is_what_the_paper_lists() {
 
 #[test]
 fn a_run_reports_the_first_population_and_every_generation() {
-    let (mut genetic, mut seen, mut evaluations) = (paper::<9>(Settings::default(), 5.0, 13), Vec::new(), 0);
+    let (mut genetic, mut seen, mut evaluations) = (paper::<9>(Settings::paper(), 5.0, 13), Vec::new(), 0);
     let objective = |candidates: &[[f64; 9]], objectives: &mut [f64]| {
         evaluations += candidates.len() as u64;
         each(sphere)(candidates, objectives);
@@ -31,7 +31,7 @@ fn a_run_reports_the_first_population_and_every_generation() {
 
 #[test]
 fn the_best_is_the_best_of_the_subpopulations_and_scores_what_it_says() {
-    let mut genetic: Paper<9> = paper(Settings::default(), 5.0, 14);
+    let mut genetic: Paper<9> = paper(Settings::paper(), 5.0, 14);
     genetic.run(each(sphere), |genetic| {
         let (genes, objective) = genetic.best();
         assert_eq!(sphere(&genes), objective);
@@ -44,7 +44,7 @@ fn the_best_is_the_best_of_the_subpopulations_and_scores_what_it_says() {
 #[test]
 fn the_seed_alone_decides() {
     let trace = |seed| {
-        let (mut genetic, mut trace) = (paper::<9>(Settings::default(), 5.12, seed), Vec::new());
+        let (mut genetic, mut trace) = (paper::<9>(Settings::paper(), 5.12, seed), Vec::new());
         genetic.run(each(rastrigin), |genetic| trace.push(genetic.best()));
         trace
     };
@@ -63,7 +63,7 @@ proptest! {
     ) {
         let settings = Settings {
             bits_per_gene, coding, selective_pressure, crossover_probability, mutation_probability, generation_gap,
-            migration_rate, migration_interval, generations: 15,
+            migration_rate, migration_interval, generations: 15, ..Settings::default()
         };
         // Odd sizes and a plateau of NaN, where rounding and ties are most likely to go wrong.
         let ranges = [Range { low: -5.0, high: 4.0 }; 3];
@@ -110,7 +110,7 @@ fn random_searches(objective: fn(&[f64; 9]) -> f64) -> Vec<f64> {
 fn every_search_ends_below_every_random_search_of_the_same_length() {
     for coding in [Coding::Binary, Coding::Gray] {
         for objective in [sphere, rastrigin] {
-            let worst = searches(Settings { coding, ..Settings::default() }, objective).into_iter().fold(0.0, f64::max);
+            let worst = searches(Settings { coding, ..Settings::paper() }, objective).into_iter().fold(0.0, f64::max);
             let lucky = random_searches(objective).into_iter().fold(f64::INFINITY, f64::min);
             // If both were equally good, all 20 would end below all 20 with probability 1 / C(40, 20) = 7e-12.
             assert!(worst < lucky, "{coding:?}: {worst} against {lucky}");
@@ -123,14 +123,14 @@ fn the_papers_settings_come_near_the_bottom_of_a_nine_dimensional_sphere() {
     for coding in [Coding::Binary, Coding::Gray] {
         // The ball of objective below 5 fills pi^4.5 / gamma(5.5) 5^4.5 / 10^9 = 4.6e-6 of the range: of random
         // searches as long, one in 70 gets there.
-        let finals = searches(Settings { coding, ..Settings::default() }, sphere);
+        let finals = searches(Settings { coding, ..Settings::paper() }, sphere);
         assert!(finals.iter().all(|&objective| objective < 5.0), "{coding:?}: {finals:?}");
     }
 }
 
 #[test]
 fn given_time_gray_coding_reaches_the_resolution_and_binary_coding_is_caught_at_a_hamming_cliff() {
-    let run = |coding| searches(Settings { coding, generations: 400, ..Settings::default() }, sphere);
+    let run = |coding| searches(Settings { coding, generations: 400, ..Settings::paper() }, sphere);
     let gray = run(Coding::Gray).into_iter().fold(0.0, f64::max);
     let binary = run(Coding::Binary).into_iter().fold(f64::INFINITY, f64::min);
     let hundred_steps = 100.0 * (OFF_CENTRE.high - OFF_CENTRE.low) / 1_048_575.0;
@@ -149,7 +149,7 @@ fn what_is_no_number_ranks_last_and_never_wins() {
         (false, false) => x + y,
     };
     for seed in 0..20 {
-        let mut genetic: Paper<2> = paper(Settings::default(), 1.0, seed);
+        let mut genetic: Paper<2> = paper(Settings::paper(), 1.0, seed);
         genetic.run(each(forbidding), |genetic| {
             for subpopulation in genetic.subpopulations() {
                 for (chromosome, &objective) in subpopulation.chromosomes().iter().zip(subpopulation.objectives()) {
@@ -166,7 +166,7 @@ fn what_is_no_number_ranks_last_and_never_wins() {
 
 #[test]
 fn an_objective_that_writes_nothing_finds_nothing() {
-    let mut genetic: Paper<2> = paper(Settings::default(), 1.0, 17);
+    let mut genetic: Paper<2> = paper(Settings::paper(), 1.0, 17);
     genetic.run(|_: &[[f64; 2]], _: &mut [f64]| (), |genetic| assert_eq!(genetic.best().1, f64::INFINITY));
     // And whatever is found afterwards wins.
     genetic.step(each(sphere));
@@ -175,7 +175,7 @@ fn an_objective_that_writes_nothing_finds_nothing() {
 
 #[test]
 fn a_known_start_takes_part() {
-    let mut genetic: Paper<2> = paper(Settings::default(), 1.0, 18);
+    let mut genetic: Paper<2> = paper(Settings::paper(), 1.0, 18);
     genetic.seed_individual(2, 19, [0.25, 7.0]).unwrap();
     // Its distance to (0.25, 1), where the second gene is clamped to, is at most half a step of 2 / (2^20 - 1) a gene.
     let distance = |genes: &[f64; 2]| (genes[0] - 0.25).abs() + (genes[1] - 1.0).abs();
@@ -192,7 +192,7 @@ fn a_known_start_takes_part() {
 
 #[test]
 fn a_known_start_must_be_numbers() {
-    let mut genetic: Paper<2> = paper(Settings::default(), 1.0, 19);
+    let mut genetic: Paper<2> = paper(Settings::paper(), 1.0, 19);
     let error = genetic.seed_individual(0, 0, [0.0, f64::NAN]).unwrap_err();
     assert!(matches!(error, Error::Seed { gene: 1, value } if value.is_nan()));
     let message = error.to_string();
@@ -201,7 +201,7 @@ fn a_known_start_must_be_numbers() {
 
 #[test]
 fn a_changed_objective_takes_effect_on_initialising_again() {
-    let mut genetic: Paper<2> = paper(Settings::default(), 1.0, 20);
+    let mut genetic: Paper<2> = paper(Settings::paper(), 1.0, 20);
     genetic.run(each(sphere), |_| ());
     let shifted = |genes: &[f64; 2]| 10.0 + (genes[0] - 1.0).abs();
     genetic.initialise(each(shifted));
@@ -216,10 +216,11 @@ fn a_changed_objective_takes_effect_on_initialising_again() {
 #[test]
 fn settings_outside_their_limits_are_refused_by_name_value_and_limit() {
     type Change = fn(&mut Settings, f64);
-    let limits: [(&str, Change, [f64; 2], [f64; 2]); 7] = [
+    let limits: [(&str, Change, [f64; 2], [f64; 2]); 8] = [
         ("bits_per_gene", |s, x| s.bits_per_gene = x as u32, [1.0, 32.0], [0.0, 33.0]),
         ("selective_pressure", |s, x| s.selective_pressure = x, [1.0, 2.0], [0.99, 2.01]),
         ("crossover_probability", |s, x| s.crossover_probability = x, [0.0, 1.0], [-0.01, 1.01]),
+        ("expected_mutations", |s, x| s.expected_mutations = x, [0.0, 1000.0], [-0.01, f64::INFINITY]),
         ("mutation_probability", |s, x| s.mutation_probability = Some(x), [0.0, 1.0], [-0.01, f64::NAN]),
         ("generation_gap", |s, x| s.generation_gap = x, [0.0, 1.0], [-0.01, 1.01]),
         ("migration_rate", |s, x| s.migration_rate = x, [0.0, 0.5], [f64::NAN, 0.51]),
@@ -227,7 +228,7 @@ fn settings_outside_their_limits_are_refused_by_name_value_and_limit() {
     ];
     for (name, change, allowed, refused) in limits {
         let with = |value| {
-            let mut settings = Settings::default();
+            let mut settings = Settings::paper();
             change(&mut settings, value);
             Paper::<2>::new(settings, [Range { low: 0.0, high: 1.0 }; 2], random(21)).map(|_| ())
         };
@@ -251,7 +252,7 @@ fn ranges_without_a_finite_width_are_refused() {
     for (low, high) in
         [(1.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (0.0, f64::NAN), (0.0, f64::INFINITY), (-f64::MAX, f64::MAX)]
     {
-        let error = Paper::<2>::new(Settings::default(), [good, Range { low, high }], random(22)).unwrap_err();
+        let error = Paper::<2>::new(Settings::paper(), [good, Range { low, high }], random(22)).unwrap_err();
         assert!(matches!(error, Error::Range { gene: 1, .. }));
         let message = error.to_string();
         assert!(message.contains(&format!("gene 1 has the search range {low} to {high}")), "{message}");

@@ -121,7 +121,7 @@ fn bits_flip_at_the_given_rate_and_everywhere_alike() {
 
 #[test]
 fn without_a_choice_mutation_has_the_rate_of_the_toolbox() {
-    let settings = Settings { crossover_probability: 0.0, migration_rate: 0.0, ..Settings::default() };
+    let settings = Settings { crossover_probability: 0.0, migration_rate: 0.0, ..Settings::paper() };
     let (mut unchanged, mut total) = (0, 0);
     for seed in 0..100 {
         let mut genetic: Paper<9> = paper(settings, 1.0, seed);
@@ -139,7 +139,7 @@ fn without_a_choice_mutation_has_the_rate_of_the_toolbox() {
 
 #[test]
 fn mates_are_drawn_at_random() {
-    let settings = Settings { crossover_probability: 1.0, mutation_probability: Some(0.0), ..Settings::default() };
+    let settings = Settings { crossover_probability: 1.0, mutation_probability: Some(0.0), ..Settings::paper() };
     let (mut fruitless, mut pairs) = (0, 0);
     for seed in 0..100 {
         let mut genetic: Paper<9> = paper(settings, 1.0, seed);
@@ -199,7 +199,7 @@ proptest! {
 fn the_generation_gap_decides_how_many_survive_each_generation() {
     // Offspring of each subpopulation of 20, rounded by hand; the extremes leave one parent and breed one child.
     for (generation_gap, offspring) in [(0.94, 19), (0.73, 15), (0.72, 14), (0.5, 10), (0.0, 1), (1.0, 19)] {
-        let settings = Settings { generation_gap, migration_rate: 0.0, ..Settings::default() };
+        let settings = Settings { generation_gap, migration_rate: 0.0, ..Settings::paper() };
         let mut genetic: Paper<3> = paper(settings, 5.0, 7);
         genetic.initialise(each(sphere));
         for _ in 0..5 {
@@ -293,7 +293,7 @@ fn subpopulations_are_isolated_from_one_migration_to_the_next() {
         crossover_probability: 0.0,
         mutation_probability: Some(0.0),
         migration_interval: 3,
-        ..Settings::default()
+        ..Settings::paper()
     };
     let mut genetic: Paper<9> = paper(settings, 5.0, 12);
     let homes = genetic.subpopulations().each_ref().map(|subpopulation| *subpopulation.chromosomes());

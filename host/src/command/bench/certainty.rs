@@ -105,6 +105,7 @@ impl Judged {
             Parameter::Coulomb(joint) => self.truth.coulomb_nm[joint],
             Parameter::TorqueOffset(_) => 0.0,
             Parameter::Gain(_) => 1.0,
+            Parameter::Lead(_) => 0.0,
         }
     }
 

@@ -1,4 +1,4 @@
-//! Random numbers for the rivals.
+//! Random numbers for the searchers, of any source.
 
 use rand_core::Rng;
 

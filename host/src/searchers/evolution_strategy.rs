@@ -8,19 +8,35 @@ use rand_core::Rng;
 use super::problem::Problem;
 use super::random::{normal, uniform};
 
-/// First step, as a share of the box.
-const FIRST_STEP: f64 = 0.3;
+/// How a search begins.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Where, in the unit box; anywhere if none is given, and at every restart.
+    pub start: Option<Vec<f64>>,
+    /// First step, as a share of the box.
+    pub first_step: f64,
+    /// Candidates in a generation of the first run; as the tutorial has it by default.
+    pub offspring: Option<usize>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { start: None, first_step: 0.3, offspring: None }
+    }
+}
+
 /// Step as a share of the box at which a run counts as converged.
 const LAST_STEP: f64 = 1e-7;
 /// Least progress of the best of a generation, as a share of it, over [`patience`] generations.
 const LEAST_PROGRESS: f64 = 1e-6;
 
 /// Spends the budget.
-pub fn run(problem: &mut Problem, random: &mut impl Rng) {
-    let mut offspring = 4 + (3.0 * (problem.dimensions as f64).ln()) as usize;
+pub fn run(problem: &mut Problem, settings: &Settings, random: &mut impl Rng) {
+    let mut offspring = settings.offspring.unwrap_or(4 + (3.0 * (problem.dimensions as f64).ln()) as usize);
+    let mut start = settings.start.clone().map(DVector::from_vec);
     while !problem.is_over() {
-        let start = DVector::from_fn(problem.dimensions, |_, _| uniform(random));
-        descend(problem, start, offspring, random);
+        let from = start.take().unwrap_or_else(|| DVector::from_fn(problem.dimensions, |_, _| uniform(random)));
+        descend(problem, from, settings.first_step, offspring, random);
         offspring *= 2;
     }
 }
@@ -30,7 +46,7 @@ fn patience(dimensions: usize, offspring: usize) -> usize {
     10 + 30 * dimensions / offspring
 }
 
-fn descend(problem: &mut Problem, start: DVector<f64>, offspring: usize, random: &mut impl Rng) {
+fn descend(problem: &mut Problem, start: DVector<f64>, first_step: f64, offspring: usize, random: &mut impl Rng) {
     let n = start.len();
     let dimensions = n as f64;
     let parents = offspring / 2;
@@ -46,7 +62,7 @@ fn descend(problem: &mut Problem, start: DVector<f64>, offspring: usize, random:
     let normal_length = dimensions.sqrt() * (1.0 - 1.0 / (4.0 * dimensions) + 1.0 / (21.0 * dimensions * dimensions));
 
     let mut mean = start;
-    let mut step = FIRST_STEP;
+    let mut step = first_step;
     let mut covariance = DMatrix::<f64>::identity(n, n);
     let (mut step_path, mut path) = (DVector::<f64>::zeros(n), DVector::<f64>::zeros(n));
     let mut bests: Vec<f64> = Vec::new();
