@@ -19,6 +19,8 @@ const CONFIRMED: usize = 5;
 /// Candidates refitted beside those, while the gap is [`FAR`] from the floor: those that explain most of it in counts.
 const PLAINLY: usize = 2;
 const FAR: f64 = 1.5;
+/// Gaps within this factor of the least are about as near.
+const AS_NEAR: f64 = 1.2;
 /// How many such shortlists are gone through until something brings the model nearer.
 const SHORTLISTS: usize = 3;
 /// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm.
@@ -179,11 +181,14 @@ impl Case<'_> {
                 }
             }
             // An effect may weigh more where the noise is small and still lead the model away from the motion.
-            confirmed.retain(|(rival, _)| rival.held_out_gap <= most_gap);
-            let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
-            if best.delta_bic < threshold {
-                break;
+            confirmed.retain(|(rival, _)| rival.held_out_gap <= most_gap && rival.delta_bic >= threshold);
+            // While nothing comes near the floor, what is left is no noise, and weighing by noise means little: it decides
+            // only among those that come about as near as any.
+            let nearest = confirmed.iter().map(|(rival, _)| rival.held_out_gap).fold(f64::INFINITY, f64::min);
+            if nearest > FAR * floor {
+                confirmed.retain(|(rival, _)| rival.held_out_gap <= AS_NEAR * nearest);
             }
+            let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
             let brought: f64 = accepted.iter().map(|accepted| accepted.delta_bic).sum();
             let nearly_closed =
                 gap <= NEARLY_CLOSED * floor && self.judging_gap(&current.hypothesis) <= NEARLY_CLOSED * floor;

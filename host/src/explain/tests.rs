@@ -1,10 +1,10 @@
 //! The whole way on simulated robots whose effect nobody told it.
 
-use shared::trajectory::Trajectory;
+use shared::trajectory::{Fourier, Harmonic, Trajectory};
 
 use super::hypothesis::{Baseline, Hypothesis};
 use super::library::{Instance, kind};
-use super::next::simulated;
+use super::next::{next_trajectory, simulated};
 use super::nulls::NullNoise;
 use super::*;
 
@@ -110,4 +110,58 @@ fn a_wrong_gain_is_told_and_nothing_named() {
     let options = Options { seed: 1, design_next: false };
     let refused = explain(&other, &recordings, &[], Some(&model), &options, &|_| ());
     assert!(matches!(refused, Err(ExplainError::Audit(AuditError::WrongGain { .. }))), "{refused:?}");
+}
+
+/// A movement that shows little: one joint swings a little, the other hardly.
+fn poor(centre_rad: [f32; 2], amplitude_rad: [f32; 2]) -> Trajectory {
+    let harmonic = Harmonic { cosine_rad: [amplitude_rad[0], 0.0], sine_rad: [0.0, amplitude_rad[1]] };
+    Trajectory::Fourier(Fourier {
+        period_ns: 4_000_000_000,
+        repeats: 1,
+        fade_ns: 800_000_000,
+        centre_rad,
+        harmonics: std::iter::once(harmonic).collect(),
+    })
+}
+
+#[test]
+fn the_next_movement_tells_apart_what_a_poor_one_does_not() {
+    let robot = Robot::paper();
+    let model = model(&robot);
+    let baseline = baseline(&robot, &model, true);
+    let noise = NullNoise { torque_nm: [1.4e-3; 2], ..NOISE };
+    let swinging = [poor([0.0, -1.2], [0.03, 0.15]), poor([-1.2, 0.0], [0.1, 0.03])];
+    type Member = (&'static str, usize, &'static [f64]);
+    let pairs: [(Member, Member, &Trajectory); 4] = [
+        (("torque-constant", 1, &[0.006]), ("payload", 0, &[0.03, 0.0, -0.4]), &swinging[0]),
+        (("torque-ripple", 0, &[0.02, 0.3, 2.7]), ("transmission-error", 0, &[2e-5, 0.3, 2.7]), &swinging[1]),
+        (("backlash", 1, &[8e-4]), ("joint-flexibility", 1, &[1e-5, 4e-4]), &swinging[0]),
+        (("base-tilt", 0, &[0.01]), ("torque-offset", 0, &[0.005]), &swinging[1]),
+    ];
+    for ((name, joint, values), other, movement) in pairs {
+        let with = |(name, joint, values): Member| Hypothesis {
+            base: baseline.values.of(&baseline.free),
+            named: vec![Instance::new(kind(name).expect("an effect"), joint, values, 1)],
+        };
+        let (truth, wrong) = (with((name, joint, values)), with(other));
+        let recorded = |movement: &Trajectory, seed: u64| {
+            simulated(&robot, &baseline, &truth, movement, &noise, seed).expect("a recording")
+        };
+        let told = |recordings: &[Recording]| {
+            let options = Options { seed: 1, design_next: false };
+            let explanation =
+                explain(&robot, recordings, &[], Some(&model), &options, &|_| ()).expect("an explanation");
+            explanation.effects.iter().map(|effect| effect.class.clone()).collect::<Vec<_>>()
+        };
+        let first = recorded(movement, 3);
+        assert_ne!(told(std::slice::from_ref(&first)), [[name]], "{name}: the poor movement is not poor");
+
+        let of_robot = [noise::JointNoise::white(1.0 / 12.0); 2];
+        let next = next_trajectory(&robot, &baseline, [&truth, &wrong], &of_robot, 1).expect("a movement");
+        let path = std::env::temp_dir().join(format!("armid-next-{}-{name}.toml", std::process::id()));
+        std::fs::write(&path, &next.toml).expect("a file");
+        let designed = crate::trajectory_file::read(&path).expect("a movement");
+        std::fs::remove_file(&path).expect("the file");
+        assert_eq!(told(&[first, recorded(&designed, 9)]), [[name]], "{name}");
+    }
 }

@@ -20,6 +20,8 @@ const FORETOLD_IN_PART: f64 = 0.5;
 const HELD_OUT_CLOSED: f64 = 1.25;
 /// Effects together explain at least this share of the excess to be named.
 const NAMED_SHARE: f64 = 0.75;
+/// Share that makes a part worth naming on a single axis.
+const PARTIAL_SHARE: f64 = 0.5;
 /// Share of the gain per sample that has to show in the recordings kept back.
 const KEPT: f64 = 0.2;
 /// A gain in χ² that chance does not bring, however large it was elsewhere.
@@ -149,13 +151,15 @@ impl Case<'_> {
         let closes = kept
             && held_out_agrees(gaps, floor)
             && (after <= CLOSED * floor || (count == 1 && foretold >= FORETOLD && after <= HELD_OUT_CLOSED * floor));
-        // An axis has half as many effects to choose from as an arm.
-        let crowd = count > MOST_NAMED && train.setting.experiment.robot.joints.len() > 1;
+        // An axis has half as many effects to choose from as an arm, so that more of them imitate less.
+        let arm = train.setting.experiment.robot.joints.len() > 1;
+        let in_part =
+            if arm { least_share >= NAMED_SHARE && count <= MOST_NAMED } else { least_share >= PARTIAL_SHARE };
         let verdict = if count > 0 && share >= NAMED_SHARE && closes && count <= MOST_NAMED {
             Verdict::Named
         } else if nothing_wrong {
             Verdict::None
-        } else if count > 0 && kept && least_share >= NAMED_SHARE && foretold >= FORETOLD_IN_PART && !crowd {
+        } else if count > 0 && kept && in_part && foretold >= FORETOLD_IN_PART {
             Verdict::Partial
         } else {
             Verdict::Unknown
