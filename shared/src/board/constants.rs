@@ -4,7 +4,7 @@ use super::MID_SCALE;
 use crate::arm::{Arm, PARAMETERS};
 use crate::control::{ComputedTorque, ComputedTorqueSettings, PositionLoop};
 use crate::drive::Drive;
-use crate::protocol::{Configuration, CurrentScale, Joint, Model};
+use crate::protocol::{Configuration, CurrentScale, Joint, JointCompensation, Model};
 use crate::trajectory::MotionLimits;
 
 /// Largest code of a 12-bit converter.
@@ -155,16 +155,18 @@ impl Constants {
         self.joints.map(|joint| joint.jump_limit_counts)
     }
 
-    /// A computed-torque controller at rest at `position_rad`, with the model's f and friction.
+    /// A computed-torque controller at rest at `position_rad`, with the model's f, friction and effects.
     pub(super) fn computed_torque(&self, model: &TorqueModel, position_rad: [f32; 2]) -> ComputedTorque<f32> {
         let drive = |joint: Joint| Drive {
             viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad[joint.index()],
             coulomb_friction_nm: model.coulomb_friction_nm[joint.index()],
             ..self.joints[joint.index()].drive
         };
-        ComputedTorque::new(
+        let [second, third] = &model.compensation;
+        ComputedTorque::with_effects(
             Arm { f: model.f, gravity_m_s2: self.gravity_m_s2 },
             Joint::ALL.map(drive),
+            [&second.effects(), &third.effects()],
             self.computed_torque,
             self.loop_period_ns as f32 * 1.0e-9,
             position_rad,
@@ -178,6 +180,7 @@ pub(super) struct TorqueModel {
     f: [f32; PARAMETERS],
     viscous_friction_nm_s_per_rad: [f32; 2],
     coulomb_friction_nm: [f32; 2],
+    compensation: [JointCompensation; 2],
 }
 
 impl TorqueModel {
@@ -186,6 +189,12 @@ impl TorqueModel {
             f: model.f.map(|value| value as f32),
             viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad.map(|value| value as f32),
             coulomb_friction_nm: model.coulomb_friction_nm.map(|value| value as f32),
+            compensation: model.compensation,
         }
+    }
+
+    /// What counts from where the encoders were switched on does not hold after a pose was declared anew.
+    pub(super) fn forget_phases(&mut self) {
+        self.compensation.iter_mut().for_each(JointCompensation::forget_phases);
     }
 }

@@ -157,6 +157,14 @@ impl Parameters {
         Ok(())
     }
 
+    /// The pose is declared: ripple and cogging of models held before count from another angle now, and are left out
+    /// until the model is uploaded again. The models themselves stay what they are.
+    pub(super) fn pose_declared(&mut self) {
+        for held in [&mut self.staged, &mut self.active].into_iter().flatten() {
+            held.torque_model.forget_phases();
+        }
+    }
+
     /// The model in a slot.
     pub(super) fn model(&self, slot: ModelSlot) -> Option<&Held> {
         match slot {

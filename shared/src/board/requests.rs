@@ -222,6 +222,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             *counts = exact as i32;
         }
         self.encoders.declare(position_counts);
+        self.parameters.pose_declared();
         Ok(())
     }
 
