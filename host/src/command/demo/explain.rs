@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use armid::client::{Client, Pose};
 use armid::compensation::board_model;
 use armid::explain::{Explanation, Finding, Options, explain};
-use armid::file_error::FileError;
 use armid::hidden_effect;
 use armid::hidden_robot::HiddenRobot;
 use armid::identify;
@@ -95,7 +94,7 @@ impl ExplainDemo {
         let runs = [(&plain, "model of the healthy robot"), (&extended, "extended model")];
         let picture = drawing::tracking(&robot, runs)
             .map_err(|reason| CommandError::Failed(format!("the picture could not be drawn: {reason}")))?;
-        armid::write_file(&self.out.join("tracking.svg"), picture.as_bytes()).map_err(FileError::from)?;
+        armid::write_file(&self.out.join("tracking.svg"), picture.as_bytes())?;
         let compared = [
             Compared { label: "healthy robot, its model", field: "ctc_healthy", recording: healthy },
             Compared { label: "changed robot, old model", field: "ctc_without_effects", recording: plain },
@@ -141,7 +140,7 @@ impl ExplainDemo {
         bar.finish_and_clear();
         explanation.model.write(&self.out.join("extended.toml"))?;
         let page = explanation.to_html(&robot.name).map_err(|error| CommandError::Failed(error.to_string()))?;
-        armid::write_file(&self.out.join("report.html"), page.as_bytes()).map_err(FileError::from)?;
+        armid::write_file(&self.out.join("report.html"), page.as_bytes())?;
         Ok(explanation)
     }
 
