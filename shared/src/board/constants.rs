@@ -156,13 +156,17 @@ impl Constants {
     }
 
     /// A computed-torque controller at rest at `position_rad`, with the model's f, friction and effects.
-    pub(super) fn computed_torque(&self, model: &TorqueModel, position_rad: [f32; 2]) -> ComputedTorque<f32> {
+    pub(super) fn computed_torque(
+        &self,
+        model: &TorqueModel,
+        [second, third]: &[JointCompensation; 2],
+        position_rad: [f32; 2],
+    ) -> ComputedTorque<f32> {
         let drive = |joint: Joint| Drive {
             viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad[joint.index()],
             coulomb_friction_nm: model.coulomb_friction_nm[joint.index()],
             ..self.joints[joint.index()].drive
         };
-        let [second, third] = &model.compensation;
         ComputedTorque::with_effects(
             Arm { f: model.f, gravity_m_s2: self.gravity_m_s2 },
             Joint::ALL.map(drive),
@@ -180,7 +184,6 @@ pub(super) struct TorqueModel {
     f: [f32; PARAMETERS],
     viscous_friction_nm_s_per_rad: [f32; 2],
     coulomb_friction_nm: [f32; 2],
-    compensation: [JointCompensation; 2],
 }
 
 impl TorqueModel {
@@ -189,12 +192,6 @@ impl TorqueModel {
             f: model.f.map(|value| value as f32),
             viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad.map(|value| value as f32),
             coulomb_friction_nm: model.coulomb_friction_nm.map(|value| value as f32),
-            compensation: model.compensation,
         }
-    }
-
-    /// What counts from where the encoders were switched on does not hold after a pose was declared anew.
-    pub(super) fn forget_phases(&mut self) {
-        self.compensation.iter_mut().for_each(JointCompensation::forget_phases);
     }
 }
