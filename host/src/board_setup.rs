@@ -6,6 +6,7 @@ use shared::protocol::{
 };
 use shared::trajectory::MotionLimits;
 
+use crate::effects::EffectError;
 use crate::robot::{Joint, Kind, Law, Robot, UnsafeGain};
 
 /// Tracking error that is a fault, in counts: six times what the default loop shows on the paper's movement.
@@ -39,6 +40,9 @@ pub enum SetupError {
     /// The loop period is not one of the board's.
     #[error("loop_period_s is {0}, but the board offers 0.0007, 0.00035, 0.0001 and 0.00005; choose one of them")]
     LoopPeriod(f64),
+    /// An effect of the model cannot be.
+    #[error("the model's {0}")]
+    Effect(#[from] EffectError),
     /// A gain is not stable.
     #[error("{0}; nothing was moved")]
     Unstable(#[from] UnsafeGain),
@@ -108,18 +112,6 @@ fn joint_constants(robot: &Robot, index: usize, joint: &Joint) -> Result<JointCo
         speed_limit_rad_s: SPEED_MARGIN * joint.limits.speed_rad_s,
         over_current_limit_a: OVER_CURRENT_SHARE * joint.current_full_scale_a,
         current_scale: CurrentScale::symmetric(joint.current_full_scale_a),
-    })
-}
-
-/// A model file in the protocol's terms, tied to the robot it is for.
-pub fn board_model(robot: &Robot, model: &crate::model::Model) -> Result<shared::protocol::Model, SetupError> {
-    let robot_identity = configuration(robot)?.robot_identity();
-    let pair = |values: &[f64]| std::array::from_fn(|joint| values.get(joint).copied().unwrap_or(0.0));
-    Ok(shared::protocol::Model {
-        robot_identity,
-        f: model.f,
-        viscous_friction_nm_s_per_rad: pair(&model.viscous_nm_s_per_rad),
-        coulomb_friction_nm: pair(&model.coulomb_nm),
     })
 }
 

@@ -3,10 +3,10 @@
 //! ```text
 //! robot, recording, model, trajectory_file   the files of the contract, read with every problem named
 //! link ── client ── capture                  bytes to a board, requests and movements, movements to recordings
-//! board_setup                                a robot file in the protocol's terms
+//! board_setup, compensation                  robot and model files in the protocol's terms
 //! firmware_image                             what may be flashed to a board
 //! effects                                    what a real arm has beyond the model, by name
-//! hidden_robot                               what a simulated board's robot really is
+//! hidden_robot, hidden_effect                what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
 //! searchers                                  ways to search a box, beside the genetic algorithm
 //! excite                                     the movement that determines the parameters best
@@ -20,6 +20,7 @@ pub mod board_setup;
 pub mod calibrate;
 pub mod capture;
 pub mod client;
+pub mod compensation;
 mod convex;
 mod edit_distance;
 pub mod effects;
@@ -28,6 +29,7 @@ pub mod explain;
 pub mod explain_benchmark;
 pub mod file_error;
 pub mod firmware_image;
+pub mod hidden_effect;
 pub mod hidden_robot;
 pub mod identified_model;
 pub mod identify;

@@ -6,8 +6,9 @@ use std::net::TcpListener;
 use std::rc::Rc;
 use std::time::Duration;
 
-use armid::board_setup::{board_model, configuration};
+use armid::board_setup::configuration;
 use armid::client::{Client, ClientError, Movement, MovementPlan, Pose, SessionError};
+use armid::compensation::board_model;
 use armid::hidden_robot::HiddenRobot;
 use armid::link::{Link, LinkError, MemoryFlash, SimulatedBoard, TcpLink};
 use armid::robot::Robot;

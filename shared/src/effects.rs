@@ -20,11 +20,14 @@ pub mod catalogue;
 
 mod amplifier;
 mod boxed;
+mod feedforward;
 mod friction;
+mod link;
 mod motion;
 mod plant;
 mod shaft;
 
+pub use feedforward::{DriveFeedforward, Instant};
 pub use motion::Motion;
 pub use plant::{ExtendedMachine, ExtendedPlant};
 
@@ -39,6 +42,11 @@ macro_rules! constants {
         impl $name<f64> {
             /// Every effect off; shape constants at what is usual.
             pub const OFF: Self = Self { $($field: $off,)* };
+        }
+
+        impl $name<f32> {
+            /// The same in the board's precision.
+            pub const OFF_SINGLE: Self = Self { $($field: $off as f32,)* };
         }
 
         impl<S> $name<S> {

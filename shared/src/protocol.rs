@@ -16,6 +16,7 @@
 //! No frame is longer than [`MAX_FRAME`] bytes, so the board's buffers stay small: constants, trajectory points and
 //! recordings go in parts.
 
+mod compensation;
 mod configuration;
 mod fault;
 mod frame;
@@ -28,6 +29,7 @@ mod status;
 mod stored;
 pub mod usb;
 
+pub use compensation::JointCompensation;
 pub use configuration::{
     ComputedTorqueConstants, Configuration, ConfigurationError, ConfigurationPart, CurrentScale, Field, GainLimitCause,
     Joint, JointConstants, LOOP_PERIODS_NS, LoopConstants, PartName,
@@ -47,13 +49,13 @@ pub use status::{BoardIdentity, ControlLaw, Info, Link, LinkCounters, Mode, Rese
 pub use stored::{StoreFailure, StoreState, StoredParameters};
 
 /// Version of everything in this module but the handshake; raised with every change of a message's layout.
-pub const PROTOCOL_VERSION: u8 = 2;
+pub const PROTOCOL_VERSION: u8 = 3;
 
 /// Header byte of the messages whose layout is frozen for ever: [`Request::Hello`] and [`Reply::WrongVersion`].
 pub const HANDSHAKE_HEADER: u8 = 0;
 
 /// Longest frame on the wire, in bytes, COBS overhead and the closing 0 included.
-pub const MAX_FRAME: usize = 256;
+pub const MAX_FRAME: usize = 320;
 
 /// Longest frame content before COBS: header byte, message and CRC.
 pub const MAX_CONTENT: usize = MAX_FRAME - 3;

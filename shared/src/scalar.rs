@@ -82,17 +82,7 @@ pub trait Scalar:
     /// brings back the whole one, and makes full turns of the quarter turns that were taken off.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let quarter = self * self.constant(0.25);
-        let turns = (quarter * self.constant(core::f64::consts::FRAC_2_PI)).round_small();
-        let [high, middle, low] = Self::HALF_PI;
-        let [high, middle, low] = [self.constant(-high), self.constant(-middle), self.constant(-low)];
-        let (mut sine, mut cosine) =
-            turns.mul_add(low, turns.mul_add(middle, turns.mul_add(high, quarter))).sin_cos_within_eighth();
-        for _ in 0..2 {
-            let double = sine + sine;
-            (sine, cosine) = (double * cosine, (-double).mul_add(sine, self.constant(1.0)));
-        }
-        (sine, cosine)
+        sin_cos_in_place(self)
     }
 
     /// Sine and cosine of an angle within ±π/4.
@@ -141,6 +131,22 @@ pub trait Scalar:
     }
 }
 
+/// [`Scalar::sin_cos`], where it is called.
+#[inline(always)]
+fn sin_cos_in_place<S: Scalar>(angle: S) -> (S, S) {
+    let quarter = angle * angle.constant(0.25);
+    let turns = (quarter * angle.constant(core::f64::consts::FRAC_2_PI)).round_small();
+    let [high, middle, low] = S::HALF_PI;
+    let [high, middle, low] = [angle.constant(-high), angle.constant(-middle), angle.constant(-low)];
+    let (mut sine, mut cosine) =
+        turns.mul_add(low, turns.mul_add(middle, turns.mul_add(high, quarter))).sin_cos_within_eighth();
+    for _ in 0..2 {
+        let double = sine + sine;
+        (sine, cosine) = (double * cosine, (-double).mul_add(sine, angle.constant(1.0)));
+    }
+    (sine, cosine)
+}
+
 /// A [`Scalar`] that can be made from a value alone: any but lanes.
 pub trait Number: Scalar {
     /// The nearest representable number.
@@ -156,7 +162,7 @@ pub trait Number: Scalar {
 }
 
 macro_rules! plain_number {
-    ($number:ty, $sqrt:path, $trunc:path, $round_by:expr, $half_pi:expr, $sine:expr, $cosine:expr) => {
+    ($number:ty, $sqrt:path, $trunc:path, $round_by:expr, $half_pi:expr, $sine:expr, $cosine:expr $(, $own:item)*) => {
         impl Number for $number {
             #[inline(always)]
             fn from_f64(value: f64) -> Self {
@@ -169,6 +175,7 @@ macro_rules! plain_number {
             const HALF_PI: [f64; 3] = $half_pi;
             const SINE: &'static [f64] = &$sine;
             const COSINE: &'static [f64] = &$cosine;
+            $($own)*
 
             #[inline(always)]
             fn constant(self, value: f64) -> Self {
@@ -210,7 +217,12 @@ plain_number!(
     12_582_912.0,
     [1.570_312_5, 4.837_512_969_970_703e-4, 7.549_789_954_891_882e-8],
     [-0.166_666_549_401_994_9, 0.008_332_177_916_358_392, -0.000_195_172_668_409_034_14],
-    [0.041_666_646_860_525_5, -0.001_388_736_721_294_005_2, 0.000_024_438_415_537_795_277]
+    [0.041_666_646_860_525_5, -0.001_388_736_721_294_005_2, 0.000_024_438_415_537_795_277],
+    // The board asks for a dozen of them in a tick, and has room for one copy.
+    #[inline(never)]
+    fn sin_cos(self) -> (Self, Self) {
+        sin_cos_in_place(self)
+    }
 );
 plain_number!(
     f64,

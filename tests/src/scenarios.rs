@@ -19,7 +19,9 @@ mod storage;
 
 use std::time::Duration;
 
+use armid::hidden_robot::HiddenRobot;
 use armid::link::{Link, MemoryFlash};
+use armid::model::Effect;
 use armid::robot::Robot;
 use shared::protocol::Link as BoardLink;
 
@@ -45,6 +47,8 @@ pub use storage::*;
 pub struct Setup {
     /// The drives, and the loop period the arm is simulated for; the robot behind them is always [`hidden`].
     pub robot: Robot,
+    /// What that robot has beyond its parameters.
+    pub effects: Vec<Effect>,
     /// What its memory for parameters holds. Not to be used for a second board: the first may have written to it.
     pub flash: MemoryFlash,
 }
@@ -52,7 +56,14 @@ pub struct Setup {
 impl Default for Setup {
     /// The paper's robot and no parameters.
     fn default() -> Self {
-        Self { robot: robot(), flash: MemoryFlash::default() }
+        Self { robot: robot(), effects: Vec::new(), flash: MemoryFlash::default() }
+    }
+}
+
+impl Setup {
+    /// The robot behind the drives.
+    pub fn hidden(&self) -> HiddenRobot {
+        hidden().with_effects(&self.effects, &self.robot).expect("effects that can be")
     }
 }
 
@@ -107,6 +118,7 @@ macro_rules! test_every_scenario {
             a_movement_is_recorded_whole
             two_runs_are_the_same_to_the_bit
             computed_torque_with_the_true_model_stays_within_one_count
+            effects_that_the_model_knows_are_compensated
             the_emergency_stop_switches_off_in_the_next_tick
             a_cut_line_loses_no_row_and_leaves_control_alone
             a_noisy_line_loses_no_row_and_leaves_control_alone

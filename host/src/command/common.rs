@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use armid::board_setup;
 use armid::client::{Client, Pose};
+use armid::compensation;
 use armid::hidden_robot::HiddenRobot;
 use armid::link::{self, Address, SimulatedBoard};
 use armid::model::{Effect, Model};
@@ -295,15 +296,25 @@ pub fn read_model(path: &Path, robot: &Robot) -> Result<Model, CommandError> {
     let model = Model::read(path, robot)?;
     let identified_on = model.provenance.get("robot").and_then(|name| name.as_str()).unwrap_or_default();
     advise_other_robot(path, identified_on, robot);
-    if !model.effects.is_empty() {
-        let names: Vec<&str> = model.effects.iter().map(|effect| effect.name.as_str()).collect();
-        advise(format!(
-            "{}: has effects that the board's controller does not use: {}",
-            path.display(),
-            names.join(", ")
-        ));
-    }
     Ok(model)
+}
+
+/// A model in the board's terms; tells on stderr which of its effects computed torque does not compensate, and what the
+/// compensation of others rests on.
+pub fn for_board(robot: &Robot, model: &Model) -> Result<shared::protocol::Model, CommandError> {
+    for effect in &model.effects {
+        let Effect { name, joint, .. } = effect;
+        if let Some(reason) = compensation::why_not(name) {
+            advise(format!("joint {joint}: computed torque does not compensate {name}: {reason}"));
+        } else if compensation::has_phase(effect) {
+            advise(format!(
+                "joint {joint}: {name} is compensated at the phase it had in the recordings: where the encoder was \
+                 switched on anew since, the pose must have been declared as it was then, to a few counts; the board drops \
+                 it when a pose is declared after this upload"
+            ));
+        }
+    }
+    Ok(compensation::board_model(robot, model)?)
 }
 
 /// Tells that a file names another robot than the robot file. Names are free text: a doubt, not an error.

@@ -1,5 +1,7 @@
 //! `armid demo`: the whole chain on a simulated robot whose parameters the tool does not know.
 
+mod explain;
+
 use std::path::{Path, PathBuf};
 
 use armid::calibrate::calibrate;
@@ -12,7 +14,7 @@ use armid::link::SimulatedBoard;
 use armid::model::Model;
 use armid::recording::{Mode, Recording};
 use armid::robot::Robot;
-use clap::Args;
+use clap::{Args, Subcommand};
 use serde_json::json;
 
 use super::calibrate::{calibrated, table as calibration_table};
@@ -25,9 +27,16 @@ const TRAINING_PERIODS_S: [f64; 2] = [3.65, 5.0];
 /// Period of the movement to track, in s: the paper's.
 const TRACKING_PERIOD_S: f64 = 3.65;
 
+const EXAMPLES: &str = "Examples:
+  armid demo                    identify a hidden robot, then track with what was found
+  armid demo explain --seed 3   find what the model lacks, name it, add it, track better";
+
 /// Arguments of `demo`.
 #[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 pub struct Demo {
+    #[command(subcommand)]
+    story: Option<Story>,
     /// Seed of the hidden robot, its noise and the identification
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -39,8 +48,18 @@ pub struct Demo {
     json: bool,
 }
 
+/// What else can be shown.
+#[derive(Debug, Subcommand)]
+enum Story {
+    /// Show how an effect that the model lacks is found, named, added and compensated.
+    Explain(explain::ExplainDemo),
+}
+
 impl Demo {
     pub fn run(&self) -> Result<(), CommandError> {
+        if let Some(Story::Explain(story)) = &self.story {
+            return story.run();
+        }
         let robot = Robot::paper();
         let truth = HiddenRobot::draw(&robot, self.seed);
         let configuration = armid::board_setup::configuration(&robot)?;
@@ -67,7 +86,7 @@ impl Demo {
         truth.to_model(toml::Table::new()).write(&self.out.join("truth.toml"))?;
 
         advise("4/5 uploading the model");
-        let receipt = client.upload(&armid::board_setup::board_model(&robot, &model)?)?;
+        let receipt = client.upload(&armid::compensation::board_model(&robot, &model)?)?;
         advise(format!("    now active: model {:08x}, read back from the board", receipt.crc));
 
         advise("5/5 tracking the paper's movement under the position loop and under computed torque");
@@ -76,8 +95,10 @@ impl Demo {
         let picture = self.out.join("demo.svg");
         self.draw(&picture, &robot, &p, &ctc)?;
 
+        let summary = summary(&p, &ctc);
+        let compared = track::pair(p, ctc);
         if self.json {
-            let mut object = track::to_json(&p, &ctc);
+            let mut object = track::to_json(&compared);
             object["seed"] = json!(self.seed);
             object["true_f"] = json!(truth.f);
             object["f"] = json!(model.f);
@@ -98,8 +119,8 @@ impl Demo {
             self.seed,
             comparison(&truth, &model),
             TRACKING_PERIOD_S,
-            track::table(&robot, &p, &ctc),
-            summary(&p, &ctc),
+            track::table(&robot, &compared),
+            summary,
             self.out.display()
         ))
     }
@@ -121,7 +142,8 @@ impl Demo {
     }
 
     fn draw(&self, path: &Path, robot: &Robot, p: &Recording, ctc: &Recording) -> Result<(), CommandError> {
-        let picture = drawing::tracking(robot, p, ctc)
+        let runs = [(p, track::POSITION_LOOP), (ctc, "computed torque with the identified model")];
+        let picture = drawing::tracking(robot, runs)
             .map_err(|reason| CommandError::Failed(format!("the picture could not be drawn: {reason}")))?;
         armid::write_file(path, picture.as_bytes()).map_err(FileError::into)
     }

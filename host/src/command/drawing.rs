@@ -11,8 +11,8 @@ use plotters::prelude::*;
 const WIDTH: u32 = 1000;
 const HEIGHT: u32 = 640;
 
-/// Draws the tracking errors of a movement under both controllers; gives the SVG's text.
-pub fn tracking(robot: &Robot, p: &Recording, ctc: &Recording) -> Result<String, Box<dyn Error>> {
+/// Draws the tracking errors of one movement run twice, under the controllers named; gives the SVG's text.
+pub fn tracking(robot: &Robot, runs: [(&Recording, &str); 2]) -> Result<String, Box<dyn Error>> {
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
@@ -21,9 +21,7 @@ pub fn tracking(robot: &Robot, p: &Recording, ctc: &Recording) -> Result<String,
             area.titled("Tracking error on the paper's movement (green: ±1 encoder count)", ("sans-serif", 22))?;
         let panels = area.split_evenly((2, 2));
         for (row, joint) in robot.joints.iter().enumerate().take(2) {
-            for (column, (recording, controller)) in
-                [(p, "position loop"), (ctc, "computed torque with the identified model")].into_iter().enumerate()
-            {
+            for (column, (recording, controller)) in runs.into_iter().enumerate() {
                 let title = format!("joint {}, {controller}", joint.name);
                 panel(&panels[2 * row + column], &title, &recording.error_counts[row], robot.record_period_s)?;
             }

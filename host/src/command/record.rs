@@ -9,8 +9,8 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::common::{
-    BoardArguments, Existing, RobotArguments, TrajectoryArguments, check_recording_outputs, print, print_json,
-    read_model,
+    BoardArguments, Existing, RobotArguments, TrajectoryArguments, check_recording_outputs, for_board, print,
+    print_json, read_model,
 };
 use super::run::Run;
 use super::{CommandError, progress};
@@ -79,7 +79,7 @@ impl Record {
         movement.advise_margins();
         let mut client = self.board.connect_ready(&robot)?;
         if let Some(model) = &model {
-            client.upload(&board_setup::board_model(&robot, model)?)?;
+            client.upload(&for_board(&robot, model)?)?;
         }
         let run = Run {
             robot: &robot,

@@ -11,8 +11,8 @@ use serde_json::json;
 
 use super::CommandError;
 use super::common::{
-    Existing, RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, print, print_json,
-    read_model, with_effects,
+    Existing, RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, for_board, print,
+    print_json, read_model, with_effects,
 };
 use super::record::Controller;
 use super::run::Run;
@@ -78,7 +78,7 @@ impl Simulate {
                 Some(path) => read_model(path, &robot)?,
                 None => truth_model.clone(),
             };
-            client.upload(&armid::board_setup::board_model(&robot, &model)?)?;
+            client.upload(&for_board(&robot, &model)?)?;
         }
         let run = Run {
             robot: &robot,

@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use armid::capture::{TrackingQuality, tracking_quality};
+use armid::client::Client;
+use armid::compensation::without_effects;
+use armid::model::Model;
 use armid::recording::{Mode, Recording};
 use armid::robot::Robot;
 use clap::Args;
@@ -10,18 +13,24 @@ use serde_json::{Value, json};
 
 use super::CommandError;
 use super::common::{
-    BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, print, print_json,
-    read_model,
+    BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, for_board, print,
+    print_json, read_model,
 };
 use super::run::Run;
 
-const WITHIN_ONE_COUNT: &str = "\"Within ±1 count\" (within_one_count in JSON) is the percentage of samples whose \
+const NOTES: &str = "\"Within ±1 count\" (within_one_count in JSON) is the percentage of samples whose \
     recorded error is −1, 0 or 1. The recorded error is the reference less the actual count, both truncated toward zero: \
-    an integer.";
+    an integer.
+
+A --model with effects that computed torque compensates is run twice under it: without them (ctc_without_effects in JSON) \
+    and with them (ctc); the board keeps the whole model.
+
+Example, on a simulated board whose arm has an effect:
+  armid track --board sim --effect cogging:joint=3,amplitude_nm=0.03,order=3 --model extended.toml";
 
 /// Arguments of `track`.
 #[derive(Debug, Args)]
-#[command(after_help = WITHIN_ONE_COUNT)]
+#[command(after_help = NOTES)]
 pub struct Track {
     #[command(flatten)]
     robot: RobotArguments,
@@ -32,7 +41,7 @@ pub struct Track {
     /// Model to upload first; without it, the board's active model is used
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Folder to write the two recordings p.csv and ctc.csv into
+    /// Folder to write the recordings into: p.csv, ctc.csv and, with effects, ctc-without-effects.csv
     #[arg(long, value_name = "FOLDER")]
     out: Option<PathBuf>,
     /// Replace recordings that are there already
@@ -48,45 +57,96 @@ impl Track {
         let robot = self.robot.read_for_motion()?;
         let model = self.model.as_deref().map(|path| read_model(path, &robot)).transpose()?;
         let movement = self.trajectory.prepare(&robot)?;
-        let path = |mode: Mode| self.out.clone().unwrap_or_default().join(format!("{mode}.csv"));
+        let plain = model.as_ref().and_then(without_effects);
+        let path = |name: &str| self.out.clone().unwrap_or_default().join(format!("{name}.csv"));
+        let names = ["p", "ctc"].into_iter().chain(plain.as_ref().map(|_| "ctc-without-effects"));
         if self.out.is_some() {
             let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
             let existing = if self.force { Existing::Replace } else { Existing::Keep };
-            for mode in [Mode::P, Mode::Ctc] {
-                check_recording_outputs(&path(mode), existing, inputs.into_iter().flatten())?;
+            for name in names {
+                check_recording_outputs(&path(name), existing, inputs.into_iter().flatten())?;
             }
         }
         movement.advise_margins();
         let mut client = self.board.connect_ready(&robot)?;
-        match &model {
-            Some(model) => {
-                let receipt = client.upload(&armid::board_setup::board_model(&robot, model)?)?;
-                advise(format!("now active: model {:08x}", receipt.crc));
+        let run = |client: &mut Client, mode: Mode, name: &str| {
+            let seed = self.board.simulated_seed();
+            let ran = Run { robot: &robot, movement: &movement, mode, seed, path: path(name) }.on(client)?;
+            if self.out.is_some() {
+                ran.write(&robot)?;
             }
-            None if client.active_model()?.is_none() => {
+            ran.whole()
+        };
+        match &plain {
+            Some(plain) => upload(&mut client, &robot, plain)?,
+            None => self.ready_model(&mut client, &robot, model.as_ref())?,
+        }
+        let p = run(&mut client, Mode::P, "p")?;
+        let mut compared = vec![Compared { label: POSITION_LOOP, field: "p", recording: p }];
+        if plain.is_some() {
+            let recording = run(&mut client, Mode::Ctc, "ctc-without-effects")?;
+            compared.push(Compared { label: WITHOUT_EFFECTS, field: "ctc_without_effects", recording });
+            self.ready_model(&mut client, &robot, model.as_ref())?;
+        }
+        let recording = run(&mut client, Mode::Ctc, "ctc")?;
+        let label = if plain.is_some() { WITH_EFFECTS } else { COMPUTED_TORQUE };
+        compared.push(Compared { label, field: "ctc", recording });
+        if self.json { print_json(&to_json(&compared)) } else { print(table(&robot, &compared)) }
+    }
+
+    /// Makes `model` the active one; without one, makes sure that the board has one.
+    fn ready_model(&self, client: &mut Client, robot: &Robot, model: Option<&Model>) -> Result<(), CommandError> {
+        if let Some(model) = model {
+            return upload(client, robot, model);
+        }
+        match client.active_model()? {
+            None => {
                 return Err(CommandError::Failed(
                     "the board has no model for computed torque; upload one, or pass --model FILE".into(),
                 ));
             }
-            None => {}
-        }
-        let mut recordings = Vec::new();
-        for mode in [Mode::P, Mode::Ctc] {
-            let run =
-                Run { robot: &robot, movement: &movement, mode, seed: self.board.simulated_seed(), path: path(mode) };
-            let ran = run.on(&mut client)?;
-            if self.out.is_some() {
-                ran.write(&robot)?;
+            Some(active) if self.board.pose.is_some() && active.compensation.iter().any(|joint| joint.has_phases()) => {
+                advise(
+                    "the board's model has ripple or cogging, which it does not compensate after a pose was declared anew; \
+                     pass --model FILE to vouch for their phases",
+                );
             }
-            recordings.push(ran.whole()?);
+            Some(_) => {}
         }
-        let [p, ctc] = recordings.as_slice() else { return Ok(()) };
-        if self.json { print_json(&to_json(p, ctc)) } else { print(table(&robot, p, ctc)) }
+        Ok(())
     }
 }
 
+fn upload(client: &mut Client, robot: &Robot, model: &Model) -> Result<(), CommandError> {
+    let receipt = client.upload(&for_board(robot, model)?)?;
+    advise(format!("now active: model {:08x}", receipt.crc));
+    Ok(())
+}
+
+pub const POSITION_LOOP: &str = "position loop";
+pub const COMPUTED_TORQUE: &str = "computed torque";
+const WITHOUT_EFFECTS: &str = "computed torque, effects left out";
+const WITH_EFFECTS: &str = "computed torque, with effects";
+
+/// One of the movements compared.
+pub struct Compared {
+    /// What controlled it, in words.
+    pub label: &'static str,
+    /// Its name in JSON.
+    pub field: &'static str,
+    pub recording: Recording,
+}
+
+/// A movement under the position loop and one under computed torque, to be compared.
+pub fn pair(p: Recording, ctc: Recording) -> [Compared; 2] {
+    [
+        Compared { label: POSITION_LOOP, field: "p", recording: p },
+        Compared { label: COMPUTED_TORQUE, field: "ctc", recording: ctc },
+    ]
+}
+
 /// The comparison as JSON.
-pub fn to_json(p: &Recording, ctc: &Recording) -> Value {
+pub fn to_json(compared: &[Compared]) -> Value {
     let of = |recording: &Recording| {
         let quality = tracking_quality(recording);
         let list = |value: fn(&TrackingQuality) -> f64| quality.iter().map(value).collect::<Vec<f64>>();
@@ -97,21 +157,28 @@ pub fn to_json(p: &Recording, ctc: &Recording) -> Value {
             "samples": recording.samples(),
         })
     };
-    json!({"p": of(p), "ctc": of(ctc), "within_one_count_unit": "percent of samples"})
+    let mut object = json!({"within_one_count_unit": "percent of samples"});
+    for one in compared {
+        object[one.field] = of(&one.recording);
+    }
+    object
 }
 
 /// The comparison as a table.
-pub fn table(robot: &Robot, p: &Recording, ctc: &Recording) -> String {
+pub fn table(robot: &Robot, compared: &[Compared]) -> String {
+    let width = compared.iter().map(|one| one.label.len()).fold(16, usize::max);
     let mut lines = vec![format!(
-        "{:>5}  {:>16}  {:>24}  {:>24}",
+        "{:>5}  {:>width$}  {:>24}  {:>24}",
         "joint", "controller", "max / rms error, counts", "samples within ±1 count"
     )];
-    let both = tracking_quality(p).into_iter().zip(tracking_quality(ctc));
-    for (joint, (before, after)) in robot.joints.iter().zip(both) {
-        for (controller, quality) in [("position loop", before), ("computed torque", after)] {
+    let qualities: Vec<Vec<TrackingQuality>> = compared.iter().map(|one| tracking_quality(&one.recording)).collect();
+    for (index, joint) in robot.joints.iter().enumerate().take(2) {
+        for (one, quality) in compared.iter().zip(&qualities) {
+            let quality = &quality[index];
             lines.push(format!(
-                "{:>5}  {controller:>16}  {:>24}  {:>22.2} %",
+                "{:>5}  {:>width$}  {:>24}  {:>22.2} %",
                 joint.name,
+                one.label,
                 format!("{:.0} / {:.2}", quality.max_abs_error_counts, quality.rms_error_counts),
                 quality.within_one_count_percent
             ));

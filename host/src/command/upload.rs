@@ -2,16 +2,26 @@
 
 use std::path::PathBuf;
 
-use armid::board_setup::board_model;
+use armid::compensation;
+use armid::model::Effect;
 use clap::Args;
 use serde_json::json;
 use shared::protocol::{Request, StoreState, StoredParameters};
 
 use super::CommandError;
-use super::common::{BoardArguments, RobotArguments, print, print_json, read_model};
+use super::common::{BoardArguments, RobotArguments, for_board, print, print_json, read_model};
+
+const EFFECTS: &str = "Effects that `explain --out` has added to the model are compensated where computed torque can: \
+    friction of every shape, torque offset and constant, ripple, cogging, springs, load, lean. Others are named on stderr. \
+    Ripple and cogging count from where the encoder was switched on: the board drops them when a pose is declared \
+    anew, after a restart above all, until the model is uploaded again.
+
+Example:
+  armid upload extended.toml --robot robot.toml --board usb";
 
 /// Arguments of `upload`.
 #[derive(Debug, Args)]
+#[command(after_help = EFFECTS)]
 pub struct Upload {
     /// Model file
     #[arg(value_name = "MODEL", required_unless_present_any = ["model", "forget"])]
@@ -42,15 +52,22 @@ impl Upload {
         };
         let model = read_model(path, &robot)?;
         let mut client = self.board.connect_ready(&robot)?;
-        let receipt = client.upload(&board_model(&robot, &model)?)?;
+        let receipt = client.upload(&for_board(&robot, &model)?)?;
         check_stored(client.wait_until_stored()?)?;
         let active = &receipt.active;
         let hexadecimal = |crc: u32| format!("{crc:08x}");
+        let (left_out, compensated): (Vec<&Effect>, Vec<&Effect>) =
+            model.effects.iter().partition(|effect| compensation::why_not(&effect.name).is_some());
+        let named = |effects: &[&Effect]| -> Vec<String> {
+            effects.iter().map(|effect| format!("{} of joint {}", effect.name, effect.joint)).collect()
+        };
         if self.json {
             return print_json(&json!({
                 "active": {"f": active.f, "viscous_nm_s_per_rad": active.viscous_friction_nm_s_per_rad,
                            "coulomb_nm": active.coulomb_friction_nm, "crc": hexadecimal(receipt.crc)},
                 "replaced_crc": receipt.replaced_crc.map(hexadecimal),
+                "compensated_effects": named(&compensated),
+                "effects_left_out": named(&left_out),
                 "stored": true,
             }));
         }
@@ -61,9 +78,14 @@ impl Upload {
             Some(crc) => format!("in place of {crc:08x}"),
             None => "where there was none".into(),
         };
+        let effects = if compensated.is_empty() {
+            String::new()
+        } else {
+            format!("\ncompensated: {}", named(&compensated).join(", "))
+        };
         print(format!(
             "now active: {} (CRC {:08x}, read back from the board), {replaced}\n{}\nviscous friction {:.4e}, {:.4e} N m \
-             s/rad; Coulomb friction {:.4}, {:.4} N m\nstored with the robot constants: the board starts with both from \
+             s/rad; Coulomb friction {:.4}, {:.4} N m{effects}\nstored with the robot constants: the board starts with both from \
              now on",
             path.display(),
             receipt.crc,

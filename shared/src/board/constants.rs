@@ -4,7 +4,7 @@ use super::MID_SCALE;
 use crate::arm::{Arm, PARAMETERS};
 use crate::control::{ComputedTorque, ComputedTorqueSettings, PositionLoop};
 use crate::drive::Drive;
-use crate::protocol::{Configuration, CurrentScale, Joint, Model};
+use crate::protocol::{Configuration, CurrentScale, Joint, JointCompensation, Model};
 use crate::trajectory::MotionLimits;
 
 /// Largest code of a 12-bit converter.
@@ -155,16 +155,22 @@ impl Constants {
         self.joints.map(|joint| joint.jump_limit_counts)
     }
 
-    /// A computed-torque controller at rest at `position_rad`, with the model's f and friction.
-    pub(super) fn computed_torque(&self, model: &TorqueModel, position_rad: [f32; 2]) -> ComputedTorque<f32> {
+    /// A computed-torque controller at rest at `position_rad`, with the model's f, friction and effects.
+    pub(super) fn computed_torque(
+        &self,
+        model: &TorqueModel,
+        [second, third]: &[JointCompensation; 2],
+        position_rad: [f32; 2],
+    ) -> ComputedTorque<f32> {
         let drive = |joint: Joint| Drive {
             viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad[joint.index()],
             coulomb_friction_nm: model.coulomb_friction_nm[joint.index()],
             ..self.joints[joint.index()].drive
         };
-        ComputedTorque::new(
+        ComputedTorque::with_effects(
             Arm { f: model.f, gravity_m_s2: self.gravity_m_s2 },
             Joint::ALL.map(drive),
+            [&second.effects(), &third.effects()],
             self.computed_torque,
             self.loop_period_ns as f32 * 1.0e-9,
             position_rad,

@@ -59,6 +59,7 @@ struct Movement {
 
 /// A law at work.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one of it, and nothing here allocates")]
 enum Law {
     Position,
     ComputedTorque(ComputedTorque<f32>),

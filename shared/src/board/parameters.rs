@@ -3,8 +3,8 @@
 use super::constants::{Constants, TorqueModel};
 use super::findings::{Findings, ModelFindings};
 use crate::protocol::{
-    Configuration, ConfigurationPart, Joint, JointConstants, LoopConstants, Model, ModelRange, ModelSlot, PartName,
-    Refusal,
+    Configuration, ConfigurationPart, Joint, JointCompensation, JointConstants, LoopConstants, Model, ModelRange,
+    ModelSlot, PartName, Refusal,
 };
 use crate::trajectory::MotionLimits;
 
@@ -35,6 +35,19 @@ pub(super) struct Held {
     pub(super) model: Model,
     pub(super) crc: u32,
     pub(super) torque_model: TorqueModel,
+    /// Whether the pose is still the one that the model was uploaded at, so that phases that count from it hold.
+    phases_hold: bool,
+}
+
+impl Held {
+    /// What to compensate now.
+    pub(super) fn compensation(&self) -> [JointCompensation; 2] {
+        let mut compensation = self.model.compensation;
+        if !self.phases_hold {
+            compensation.iter_mut().for_each(JointCompensation::forget_phases);
+        }
+        compensation
+    }
 }
 
 /// What a change of configuration makes invalid.
@@ -142,7 +155,7 @@ impl Parameters {
         }
         model.check_ranges(applied.robot_identity, &applied.configuration.model_range).map_err(Refusal::Model)?;
         findings.dynamics.map_err(Refusal::Model)?;
-        self.staged = Some(Held { model: *model, crc, torque_model: findings.torque_model });
+        self.staged = Some(Held { model: *model, crc, torque_model: findings.torque_model, phases_hold: true });
         Ok(())
     }
 
@@ -155,6 +168,14 @@ impl Parameters {
         }
         self.active = self.staged;
         Ok(())
+    }
+
+    /// The pose is declared: ripple and cogging of models held before count from another angle now, and are left out
+    /// until the model is uploaded again. The models themselves stay what they are.
+    pub(super) fn pose_declared(&mut self) {
+        for held in [&mut self.staged, &mut self.active].into_iter().flatten() {
+            held.phases_hold = false;
+        }
     }
 
     /// The model in a slot.

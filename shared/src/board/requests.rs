@@ -222,6 +222,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             *counts = exact as i32;
         }
         self.encoders.declare(position_counts);
+        self.parameters.pose_declared();
         Ok(())
     }
 
@@ -283,7 +284,8 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             constants.record_period_ns,
         )
         .map_err(Refusal::Limit)?;
-        let computed_torque = model.map(|held| constants.computed_torque(&held.torque_model, from_rad));
+        let computed_torque =
+            model.map(|held| constants.computed_torque(&held.torque_model, &held.compensation(), from_rad));
         let approach_ns = approach.duration_ns().saturating_add(settle_ns);
         let (configuration_crc, model_crc) = (applied.crc, model.map(|held| held.crc));
         let rows = accepted.rows;

@@ -4,10 +4,15 @@
 //! the arm will be in the middle of the interval in which the torque acts (half a period plus the command delay
 //! ahead); the feedback uses the reference at the instant of sampling.
 //!
-//! Left out: integral action, joint flexibility, friction beyond viscous and Coulomb.
+//! Friction, the motor's torque and springs come from the functions of the plant with effects ([`crate::effects`]),
+//! inverted: with [`ComputedTorque::with_effects`] the feedforward knows friction that depends on direction, speed, load
+//! and angle, torque offset and constant, ripple, cogging and balance springs.
+//!
+//! Left out: integral action, and effects between motor and link, in the amplifier, in the encoder and in time.
 
 use crate::arm::{Arm, Pose};
 use crate::drive::{Drive, centre_of_count};
+use crate::effects::{DriveFeedforward, Instant, JointEffects};
 use crate::scalar::Number;
 
 /// Bandwidths of the controller.
@@ -72,6 +77,7 @@ pub struct ComputedTorqueOutput<S> {
 pub struct ComputedTorque<S> {
     arm: Arm<S>,
     drives: [Drive<S>; 2],
+    feedforward: [DriveFeedforward<S>; 2],
     settings: ComputedTorqueSettings<S>,
     period_s: S,
     position_correction: S,
@@ -85,6 +91,7 @@ impl<S: Number> ComputedTorque<S> {
     ///
     /// The observer's poles both lie at 1/(1 + ω_o period): a first-order stand-in for exp(−ω_o period), at the same
     /// place to second order and without an exponential.
+    #[inline(always)]
     pub fn new(
         arm: Arm<S>,
         drives: [Drive<S>; 2],
@@ -92,11 +99,32 @@ impl<S: Number> ComputedTorque<S> {
         period_s: S,
         position_rad: [S; 2],
     ) -> Self {
+        let off = JointEffects::from_constants(|constant: &dyn Fn(&JointEffects<f64>) -> f64| {
+            S::from_f64(constant(&JointEffects::OFF))
+        });
+        Self::with_effects(arm, drives, [&off, &off], settings, period_s, position_rad)
+    }
+
+    /// The same for drives that have `effects`; those that no feedforward meets (see above) do nothing.
+    #[inline(always)]
+    pub fn with_effects(
+        arm: Arm<S>,
+        drives: [Drive<S>; 2],
+        effects: [&JointEffects<S>; 2],
+        settings: ComputedTorqueSettings<S>,
+        period_s: S,
+        position_rad: [S; 2],
+    ) -> Self {
+        let switch = settings.friction_switch_motor_rad_s;
         let pole = S::one() / (S::one() + settings.observer_bandwidth_rad_s * period_s);
         let rest = S::one() - pole;
         Self {
             arm,
             drives,
+            feedforward: [
+                DriveFeedforward::new(&drives[0], effects[0], switch),
+                DriveFeedforward::new(&drives[1], effects[1], switch),
+            ],
             settings,
             period_s,
             position_correction: S::one() - pole * pole,
@@ -133,16 +161,20 @@ impl<S: Number> ComputedTorque<S> {
         let mut command = [S::zero(); 2];
         let mut unlimited = [S::zero(); 2];
         let mut missing = [S::zero(); 2];
+        let foreseen = inertia.times(ahead.acceleration_rad_s2);
         for joint in 0..2 {
-            let drive = &self.drives[joint];
-            let motor_velocity = drive.gear_ratio * ahead.velocity_rad_s[joint];
-            let direction = (motor_velocity / settings.friction_switch_motor_rad_s).clamp_abs(S::one());
-            let friction = drive.viscous_friction_nm_s_per_rad * motor_velocity + drive.coulomb_friction_nm * direction;
-            let motor_torque =
-                (inertial[joint] + h[joint] + g[joint]) / drive.gear_ratio + friction + drive.torque_offset_nm;
-            unlimited[joint] = motor_torque / drive.torque_constant_nm_per_a;
-            command[joint] = unlimited[joint].clamp_abs(drive.current_limit_a);
-            missing[joint] = drive.gear_ratio * drive.torque_constant_nm_per_a * (command[joint] - unlimited[joint]);
+            let unaccelerated = h[joint] + g[joint];
+            let instant = Instant {
+                position_rad: ahead.position_rad[joint],
+                velocity_rad_s: ahead.velocity_rad_s[joint],
+                acceleration_rad_s2: ahead.acceleration_rad_s2[joint],
+                arm_torque_nm: foreseen[joint] + unaccelerated,
+            };
+            let (current_a, torque_per_a) =
+                self.feedforward[joint].current_a(&instant, inertial[joint] + unaccelerated);
+            unlimited[joint] = current_a;
+            command[joint] = current_a.clamp_abs(self.drives[joint].current_limit_a);
+            missing[joint] = torque_per_a * (command[joint] - current_a);
         }
 
         // The observer is driven by the acceleration the model gives for the torque really commanded, so that a

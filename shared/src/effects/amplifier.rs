@@ -7,7 +7,8 @@ use crate::scalar::Scalar;
 /// Amplifier and motor of one joint with its products of constants taken out of the step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Amplifier<S> {
-    gear_ratio: S,
+    /// The motor it drives.
+    pub motor: Motor<S>,
     limit: S,
     dead_zone: S,
     lag: S,
@@ -16,6 +17,12 @@ pub(super) struct Amplifier<S> {
     stall: S,
     /// Current that a speed of the joint takes from it, A s/rad.
     stall_per_speed: S,
+}
+
+/// The motor of one joint: from current to torque.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Motor<S> {
+    gear_ratio: S,
     torque_constant: S,
     offset: S,
     ripple: S,
@@ -36,25 +43,16 @@ pub(super) struct MotorAt<S> {
 impl<S: Scalar> Amplifier<S> {
     pub fn new(drive: &Drive<S>, effects: &JointEffects<S>) -> Self {
         let ratio = drive.gear_ratio;
-        let one = ratio.constant(1.0);
-        let torque_constant = drive.torque_constant_nm_per_a * (one + effects.torque_constant_change);
+        let motor = Motor::new(drive, effects);
         Self {
-            gear_ratio: ratio,
+            motor,
             limit: drive.current_limit_a.minimum(effects.current_limit_a),
             dead_zone: effects.dead_zone_a,
             lag: effects.current_lag_s,
             back_emf: ratio * effects.back_emf_a_s_per_rad,
             stall: effects.supply_v / effects.winding_ohm,
             // In SI units the back-EMF constant is the torque constant.
-            stall_per_speed: ratio * torque_constant / effects.winding_ohm,
-            torque_constant,
-            offset: drive.torque_offset_nm + effects.torque_offset_nm,
-            ripple: effects.ripple_share,
-            ripple_order: ratio * effects.ripple_order,
-            ripple_phase: effects.ripple_phase_rad,
-            cogging: effects.cogging_nm,
-            cogging_order: ratio * effects.cogging_order,
-            cogging_phase: effects.cogging_phase_rad,
+            stall_per_speed: ratio * motor.torque_constant / effects.winding_ohm,
         }
     }
 
@@ -84,10 +82,28 @@ impl<S: Scalar> Amplifier<S> {
         let mean = (x * (x.constant(1.0) - decay)).mul_add(behind, target_a);
         (decay.mul_add(behind, target_a), mean)
     }
+}
+
+impl<S: Scalar> Motor<S> {
+    pub fn new(drive: &Drive<S>, effects: &JointEffects<S>) -> Self {
+        let ratio = drive.gear_ratio;
+        let one = ratio.constant(1.0);
+        Self {
+            gear_ratio: ratio,
+            torque_constant: drive.torque_constant_nm_per_a * (one + effects.torque_constant_change),
+            offset: drive.torque_offset_nm + effects.torque_offset_nm,
+            ripple: effects.ripple_share,
+            ripple_order: ratio * effects.ripple_order,
+            ripple_phase: effects.ripple_phase_rad,
+            cogging: effects.cogging_nm,
+            cogging_order: ratio * effects.cogging_order,
+            cogging_phase: effects.cogging_phase_rad,
+        }
+    }
 
     /// The motor at a position of the joint.
     #[inline(always)]
-    pub fn motor_at(&self, position_rad: S) -> MotorAt<S> {
+    pub fn at(&self, position_rad: S) -> MotorAt<S> {
         let (_, ripple) = self.ripple_order.mul_add(position_rad, self.ripple_phase).sin_cos();
         let (_, cogging) = self.cogging_order.mul_add(position_rad, self.cogging_phase).sin_cos();
         let factor = self.ripple.mul_add(ripple, position_rad.constant(1.0));
@@ -101,6 +117,18 @@ impl<S: Scalar> Amplifier<S> {
     #[inline(always)]
     pub fn joint_torque_nm(&self, at: &MotorAt<S>, current_a: S, added_torque_nm: S) -> S {
         self.gear_ratio * at.torque_constant.mul_add(current_a, at.torque_nm + added_torque_nm)
+    }
+
+    /// The current that gives a joint torque: the inverse of [`Self::joint_torque_nm`].
+    #[inline(always)]
+    pub fn current_a(&self, at: &MotorAt<S>, joint_torque_nm: S) -> S {
+        (joint_torque_nm / self.gear_ratio - at.torque_nm) / at.torque_constant
+    }
+
+    /// Joint torque per ampere.
+    #[inline(always)]
+    pub fn joint_torque_per_a(&self, at: &MotorAt<S>) -> S {
+        self.gear_ratio * at.torque_constant
     }
 }
 

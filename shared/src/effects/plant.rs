@@ -5,6 +5,7 @@
 
 use super::amplifier::{Amplifier, MotorAt};
 use super::friction::{Circumstances, Friction};
+use super::link::Link;
 use super::motion::Motion;
 use super::shaft::{Passed, Shaft, TwoMass};
 use super::{Effects, JointEffects};
@@ -71,16 +72,6 @@ pub struct ExtendedMachine<S> {
     encoders: [Encoder<S>; 2],
 }
 
-/// Torques on one link that are not the gear's nor the arm's own.
-#[derive(Clone, Copy, Debug)]
-struct Link<S> {
-    spring: S,
-    spring_angle: S,
-    contact: S,
-    contact_start: S,
-    contact_end: S,
-}
-
 /// Where one encoder is wrong.
 #[derive(Clone, Copy, Debug)]
 struct Encoder<S> {
@@ -97,31 +88,6 @@ struct Encoder<S> {
 pub struct Held<S> {
     input_a: [S; 2],
     added_torque_nm: [S; 2],
-}
-
-impl<S: Scalar> Link<S> {
-    fn new(effects: &JointEffects<S>) -> Self {
-        Self {
-            spring: effects.spring_nm,
-            spring_angle: effects.spring_angle_rad,
-            contact: effects.contact_nm,
-            contact_start: effects.contact_start_s,
-            contact_end: effects.contact_start_s + effects.contact_duration_s,
-        }
-    }
-
-    /// The spring's torque at an angle of the joint, N m.
-    #[inline(always)]
-    fn spring_nm(&self, position_rad: S) -> S {
-        self.spring * (position_rad - self.spring_angle).sin_cos().1
-    }
-
-    /// The contact's mean torque over a step, N m.
-    #[inline(always)]
-    fn contact_nm(&self, time_s: S, period_s: S) -> S {
-        let shared = (time_s + period_s).minimum(self.contact_end) - time_s.maximum(self.contact_start);
-        self.contact * shared.maximum(shared.constant(0.0)) / period_s
-    }
 }
 
 impl<S: Scalar> Encoder<S> {
@@ -242,14 +208,14 @@ impl<S: Scalar> ExtendedMachine<S> {
             motion,
             held,
             period_s,
-            motor_at: [self.amplifiers[0].motor_at(middle[0]), self.amplifiers[1].motor_at(middle[1])],
+            motor_at: [self.amplifiers[0].motor.at(middle[0]), self.amplifiers[1].motor.at(middle[1])],
             slow_friction_nm: [
                 self.slow_friction_nm(0, middle[0], motion),
                 self.slow_friction_nm(1, middle[1], motion),
             ],
             outer_nm: [
-                self.links[0].spring_nm(middle_link[0]) + self.links[0].contact_nm(motion.time_s, period_s),
-                self.links[1].spring_nm(middle_link[1]) + self.links[1].contact_nm(motion.time_s, period_s),
+                self.links[0].spring.torque_nm(middle_link[0]) + self.links[0].contact_nm(motion.time_s, period_s),
+                self.links[1].spring.torque_nm(middle_link[1]) + self.links[1].contact_nm(motion.time_s, period_s),
             ],
             gear_torque_nm: motion.gear_torque_nm,
             friction_torque_nm: motion.friction_torque_nm,
@@ -346,7 +312,7 @@ impl<S: Scalar> Step<'_, S> {
         let amplifier = &self.machine.amplifiers[joint];
         let target = amplifier.target_a(self.held.input_a[joint], velocity);
         let (current, mean) = amplifier.lagged_a(self.motion.current_a[joint], target, self.period_s);
-        let torque = amplifier.joint_torque_nm(&self.motor_at[joint], mean, self.held.added_torque_nm[joint]);
+        let torque = amplifier.motor.joint_torque_nm(&self.motor_at[joint], mean, self.held.added_torque_nm[joint]);
         (torque + self.machine.frictions[joint].wet_torque_nm(velocity), current)
     }
 
@@ -384,7 +350,7 @@ impl<S: Scalar> Machine<S> for ExtendedMachine<S> {
         let zero = self.number(0.0);
         let q = state.position_rad;
         let g = self.gravity_torque_nm(&Pose::at(q));
-        let gear_torque_nm = [g[0] - self.links[0].spring_nm(q[0]), g[1] - self.links[1].spring_nm(q[1])];
+        let gear_torque_nm = [g[0] - self.links[0].spring.torque_nm(q[0]), g[1] - self.links[1].spring.torque_nm(q[1])];
         Motion {
             motor: state,
             twist_rad: [self.shafts[0].twist_rad(gear_torque_nm[0]), self.shafts[1].twist_rad(gear_torque_nm[1])],

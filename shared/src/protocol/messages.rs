@@ -38,7 +38,8 @@ pub enum Request {
         /// [`super::Configuration::crc`] of what the host means.
         crc: u32,
     },
-    /// Declares the pose the arm has now; only in [`Mode::Idle`]. → [`Reply::Done`].
+    /// Declares the pose the arm has now; only in [`Mode::Idle`]. Ripple and cogging of models uploaded before are not
+    /// compensated any more, for their phases count from the pose before. → [`Reply::Done`].
     SetPosition {
         /// Joint angles in rad.
         position_rad: [f64; 2],

@@ -1,11 +1,11 @@
 //! The model of the arm that computed torque runs with.
 
-use super::Joint;
 use super::frame::Checksum;
+use super::{Joint, JointCompensation};
 use crate::arm::{Arm, ArmError, PARAMETERS, SEARCH_HIGH, SEARCH_LOW};
 use serde::{Deserialize, Serialize};
 
-/// f1..f9 and the friction found with them, tied to the robot they were identified on.
+/// f1..f9, the friction found with them and the effects found beyond them, tied to the robot they were identified on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model {
     /// [`super::Configuration::robot_identity`] of the robot the model was identified on.
@@ -16,6 +16,8 @@ pub struct Model {
     pub viscous_friction_nm_s_per_rad: [f64; 2],
     /// Coulomb friction at the motors in N m.
     pub coulomb_friction_nm: [f64; 2],
+    /// Effects to compensate.
+    pub compensation: [JointCompensation; 2],
 }
 
 impl Model {
@@ -26,11 +28,14 @@ impl Model {
         for number in self.f.iter().chain(&self.viscous_friction_nm_s_per_rad).chain(&self.coulomb_friction_nm) {
             checksum.add(&number.to_le_bytes());
         }
+        for joint in &self.compensation {
+            checksum.add(&joint.to_bytes());
+        }
         checksum.finish()
     }
 
     /// Accepts a model only for the robot it was made for, with every number finite, f1..f9 in `range`, friction not
-    /// negative, and D(q) positive definite for every q3 ([`Arm::check_inertia`]). Constant time.
+    /// negative, effects in their ranges, and D(q) positive definite for every q3 ([`Arm::check_inertia`]). Constant time.
     pub fn check(&self, robot_identity: u32, range: &ModelRange) -> Result<(), ModelError> {
         self.check_ranges(robot_identity, range)?;
         self.check_dynamics()
@@ -64,6 +69,9 @@ impl Model {
     /// The part of [`Self::check`] that depends on the model alone and takes calculation.
     #[inline]
     pub(crate) fn check_dynamics(&self) -> Result<(), ModelError> {
+        for (joint, compensation) in Joint::ALL.into_iter().zip(&self.compensation) {
+            compensation.check(joint)?;
+        }
         Arm { f: self.f, gravity_m_s2: 0.0 }.check_inertia().map_err(|error| match error {
             ArmError::NotFinite { number, value } => ModelError::NotFinite { number: number as u8, value },
             ArmError::JointInertia { value } => ModelError::JointInertia { value },
@@ -156,6 +164,23 @@ pub enum ModelError {
         joint: Joint,
         /// The coefficient.
         value: f64,
+    },
+    /// A number of an effect is outside its range.
+    #[error(
+        "{} of {joint} is {value}, but must be from {low} to {high}; correct the effect in the model file, or leave it out",
+        JointCompensation::NAMES.get(usize::from(*number)).unwrap_or(&"an effect")
+    )]
+    Compensation {
+        /// Which joint.
+        joint: Joint,
+        /// Which of [`JointCompensation::NAMES`].
+        number: u8,
+        /// Its value.
+        value: f32,
+        /// Least value.
+        low: f32,
+        /// Greatest value.
+        high: f32,
     },
     /// f1, the inertia of joint 3, is not positive.
     #[error("f1 is {value} kg m², but the inertia of joint 3 must be above 0; identify the arm again")]

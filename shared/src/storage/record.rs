@@ -4,7 +4,7 @@ use super::{ERASED, Flash, Parameters, SLOT_WORDS, Sector};
 use crate::protocol::{Checksum, StoreFailure};
 
 /// Raised with every change of what [`Parameters`] looks like in postcard.
-pub const FORMAT_VERSION: u16 = 1;
+pub const FORMAT_VERSION: u16 = 2;
 
 /// First word of a record.
 pub const RECORD: u32 = 0x6472_6f63;

@@ -332,3 +332,34 @@ fn a_limited_current_is_reported_by_name() {
     let largest = rig.recording().iter().map(|row| scale.command_a(row.command_code[0]).abs()).fold(0.0, f64::max);
     assert!((largest - 4.2).abs() <= scale.dac_a_per_code, "{largest}");
 }
+
+/// Phases of ripple and cogging count from where the encoders were switched on. So they hold for the pose that was known
+/// when the model was uploaded, and no longer.
+#[test]
+fn ripple_and_cogging_are_compensated_until_a_pose_is_declared_anew() {
+    let mut rig = Rig::loaded(configuration());
+    // The arm has no cogging, so that its compensation disturbs, by as much as cogging does.
+    let cogging = JointCompensation { cogging_nm: 0.1, cogging_order: 4.0, ..JointCompensation::NONE };
+    let model = Model { compensation: [cogging, JointCompensation::NONE], ..exact_model() };
+    let rms_counts = |rig: &mut Rig| {
+        rig.ok(Request::Arm);
+        rig.movement(ControlLaw::ComputedTorque);
+        let rows = rig.recording();
+        rig.ok(Request::Disarm);
+        let squares: f64 = rows.iter().map(|row| f64::from(row.error_counts[0]).powi(2)).sum();
+        (squares / rows.len() as f64).sqrt()
+    };
+    rig.upload(exact_model());
+    let plain = rms_counts(&mut rig);
+    rig.upload(model);
+    let disturbed = rms_counts(&mut rig);
+    assert!(disturbed > 2.0 * plain, "{disturbed} {plain}");
+
+    let position_rad = rig.state.position_rad;
+    rig.ok(Request::SetPosition { position_rad });
+    let forgotten = rms_counts(&mut rig);
+    assert!(forgotten < 1.2 * plain, "{forgotten} {plain}");
+    assert_eq!(rig.board.active_model(), Some(&model), "the model is what it was");
+    rig.upload(model);
+    assert!(rms_counts(&mut rig) > 0.8 * disturbed);
+}

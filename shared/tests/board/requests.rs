@@ -192,6 +192,14 @@ fn bad_models_are_refused_one_by_one() {
         refused(|model| model.viscous_friction_nm_s_per_rad[0] = f64::NAN),
         ModelError::Friction { joint: Joint::Second, .. }
     ));
+    let error = refused(|model| model.compensation[1].ripple_share = 0.6);
+    assert!(matches!(error, ModelError::Compensation { joint: Joint::Third, value: 0.6, high: 0.5, .. }));
+    let text = error.to_string();
+    assert!(text.contains("ripple_share of joint 3 is 0.6") && text.contains("leave it out"), "{text}");
+    let error = refused(|model| model.compensation[0].cogging_nm = f32::NAN);
+    assert!(matches!(error, ModelError::Compensation { joint: Joint::Second, value, .. } if value.is_nan()));
+    let error = refused(|model| model.compensation[0].stribeck_velocity_rad_s = 0.0);
+    assert!(error.to_string().contains("stribeck_velocity_rad_s"), "{error}");
 }
 
 /// What arrives damaged, is committed by the wrong name, or never arrives, changes nothing.

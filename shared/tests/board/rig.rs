@@ -64,6 +64,7 @@ pub fn exact_model() -> Model {
         f: REFERENCE_F,
         viscous_friction_nm_s_per_rad: configuration.joints.map(|joint| joint.viscous_friction_nm_s_per_rad),
         coulomb_friction_nm: configuration.joints.map(|joint| joint.coulomb_friction_nm),
+        compensation: [JointCompensation::NONE; 2],
     }
 }
 

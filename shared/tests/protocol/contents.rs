@@ -1,6 +1,6 @@
 //! What messages carry: packed rows, CRCs, limits, configurations, texts.
 
-use crate::samples::{any_sample, configuration, model};
+use crate::samples::{any_sample, compensation, configuration, model};
 use proptest::prelude::*;
 use shared::protocol::*;
 
@@ -38,6 +38,26 @@ proptest! {
             _ => changed.coulomb_friction_nm[place - 11] += change,
         }
         prop_assert_ne!(changed.crc(), original.crc());
+    }
+}
+
+/// Numbers of effects too, down to their last bits; and they come back as they were sent.
+#[test]
+fn the_model_crc_covers_every_number_of_its_effects() {
+    let numbers = JointCompensation::NAMES.len();
+    for joint in 0..2 {
+        for number in 0..numbers {
+            let mut original = model();
+            original.compensation[joint] = compensation();
+            let mut buffer = [0; 256];
+            let bytes = postcard::to_slice(&original.compensation[joint], &mut buffer).unwrap();
+            assert_eq!(bytes.len(), 1 + 4 * numbers);
+            bytes[1 + 4 * number] ^= 1;
+            let mut changed = original;
+            changed.compensation[joint] = postcard::from_bytes(bytes).unwrap();
+            assert_ne!(changed, original);
+            assert_ne!(changed.crc(), original.crc(), "{}", JointCompensation::NAMES[number]);
+        }
     }
 }
 

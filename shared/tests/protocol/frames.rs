@@ -146,7 +146,7 @@ fn each_kind_of_bad_frame_is_counted_apart() {
     let mut decoder: Decoder = Decoder::new();
     let mut last = |bytes: &[u8]| bytes.iter().filter_map(|&byte| decoder.host_message(byte)).last();
 
-    let long = [&[7_u8; 300][..], &[0]].concat();
+    let long = [&[7_u8; MAX_FRAME + 40][..], &[0]].concat();
     assert!(matches!(last(&long), Some(Err(FrameError::FrameTooLong { len, max: MAX_CONTENT })) if len > MAX_CONTENT));
     assert_eq!(last(&[3, 1, 1, 0]), Some(Err(FrameError::TooShort { len: 2, min: 5 })));
     assert_eq!(last(&[5, 1, 1, 0]), Some(Err(FrameError::Cobs { len: 2 })));

@@ -12,6 +12,33 @@ pub fn model() -> Model {
         f: shared::arm::REFERENCE_F,
         viscous_friction_nm_s_per_rad: [0.817e-3, 1.38e-3],
         coulomb_friction_nm: [0.124, 0.146],
+        compensation: [JointCompensation::NONE; 2],
+    }
+}
+
+/// Effects of joint 2, every number another.
+pub fn compensation() -> JointCompensation {
+    JointCompensation {
+        torque_offset_nm: 0.03,
+        torque_constant_change: -0.05,
+        viscous_asymmetry_nm_s_per_rad: 4e-4,
+        quadratic_nm_s2_per_rad2: 5e-6,
+        stribeck_nm: -0.04,
+        stribeck_velocity_rad_s: 12.0,
+        stribeck_sharpness: 0.5,
+        load_friction_coefficient: 0.06,
+        motor_inertia_kg_m2: 2e-4,
+        position_friction_nm: 0.02,
+        position_friction_order: 2.0,
+        position_friction_phase_rad: -3.1,
+        ripple_share: 0.07,
+        ripple_order: 6.0,
+        ripple_phase_rad: 1.0,
+        cogging_nm: 0.01,
+        cogging_order: 11.0,
+        cogging_phase_rad: 2.0,
+        spring_nm: 3.0,
+        spring_angle_rad: 0.25,
     }
 }
 
@@ -77,6 +104,7 @@ pub fn longest_requests() -> Vec<Request> {
         Request::RecordingInfo,
         Request::ReadRecording { from: u32::MAX, count: u16::MAX },
         Request::StageModel { model: model(), crc: u32::MAX },
+        Request::StageModel { model: Model { compensation: [compensation(); 2], ..model() }, crc: u32::MAX },
         Request::CommitModel { crc: u32::MAX },
         Request::ReadModel(ModelSlot::Active),
         Request::ClearFault,
@@ -190,6 +218,11 @@ pub fn longest_board_messages() -> Vec<BoardMessage> {
             rows: [PackedSample([0xFF; PACKED_SAMPLE_BYTES]); ROWS_PER_FRAME].into_iter().collect(),
         }),
         Reply::Model { slot: ModelSlot::Active, model: Some(model()), crc: u32::MAX },
+        Reply::Model {
+            slot: ModelSlot::Active,
+            model: Some(Model { compensation: [compensation(); 2], ..model() }),
+            crc: u32::MAX,
+        },
         Reply::Refused(Refusal::WrongMode { mode: Mode::Fault(fault) }),
         Reply::Refused(Refusal::Storing),
         Reply::Refused(Refusal::Model(ModelError::OutOfRange { number: 9, value: 1.0, low: 2.0, high: 3.0 })),

@@ -4,6 +4,8 @@ use armid::hidden_robot::HiddenRobot;
 use armid::robot::Robot;
 use shared::board::MID_SCALE;
 use shared::drive::Drive;
+use shared::effects::{ExtendedMachine, ExtendedPlant, Motion};
+use shared::machine::Machine as _;
 use shared::plant::{PreparedPlant, State};
 use shared::protocol::CurrentScale;
 
@@ -25,18 +27,55 @@ pub struct Edge {
     up: bool,
 }
 
-/// The arm with its drives.
+/// The time of an arm that does not know when it is recorded, in s: before any instant and interval.
+const BEFORE_RECORDING_S: f64 = -1.0;
+
+/// What moves: the plain plant, or one with effects.
+#[derive(Debug)]
+enum Plant {
+    Plain(Box<PreparedPlant<f64>>),
+    Extended(Box<ExtendedMachine<f64>>),
+}
+
+/// How it moves.
+#[derive(Clone, Copy, Debug)]
+enum Moving {
+    Plain(State<f64>),
+    Extended(Motion<f64>),
+}
+
+impl Moving {
+    fn motors(&self) -> &State<f64> {
+        match self {
+            Self::Plain(state) => state,
+            Self::Extended(motion) => &motion.motor,
+        }
+    }
+
+    fn hold(&mut self) {
+        match self {
+            Self::Plain(state) => state.velocity_rad_s = [0.0; 2],
+            Self::Extended(motion) => {
+                motion.motor.velocity_rad_s = [0.0; 2];
+                motion.twist_rate_rad_s = [0.0; 2];
+            }
+        }
+    }
+}
+
+/// The arm with its drives. Of effects it has those of motors, friction, shafts and links; not those of encoders and
+/// current sensors, nor those that begin with a recording.
 ///
 /// It is always simulated one step ahead, under the currents of now, because only so it is known when within that step
 /// an encoder line will change. When the currents change before the step is over, it is taken back and done again.
 #[derive(Debug)]
 pub struct SimulatedArm {
-    plant: PreparedPlant<f64>,
+    plant: Plant,
     drives: [Drive<f64>; 2],
     current_scale: [CurrentScale; 2],
-    state: State<f64>,
+    state: Moving,
     state_ns: u64,
-    ahead: State<f64>,
+    ahead: Moving,
     current_a: [f64; 2],
     powered: bool,
     /// What the encoders have put out because the arm moved.
@@ -48,11 +87,19 @@ pub struct SimulatedArm {
 impl SimulatedArm {
     /// At rest at zero angles: upper arm horizontal, forearm up. The brakes hold it.
     pub fn new(robot: &Robot, hidden: &HiddenRobot) -> Self {
-        let plant = hidden.plant(robot);
-        let state = State::at_rest([0.0; 2]);
+        let plain = hidden.plant(robot);
+        let rest = State::at_rest([0.0; 2]);
+        let (plant, state) = match hidden.effects() {
+            None => (Plant::Plain(Box::new(plain.prepare())), Moving::Plain(rest)),
+            Some(&effects) => {
+                let machine = ExtendedMachine::new(&ExtendedPlant { plant: plain, effects });
+                let motion = machine.start(rest, BEFORE_RECORDING_S);
+                (Plant::Extended(Box::new(machine)), Moving::Extended(motion))
+            }
+        };
         Self {
-            plant: plant.prepare(),
-            drives: plant.drives,
+            plant,
+            drives: plain.drives,
             current_scale: [0, 1].map(|joint: usize| CurrentScale::symmetric(robot.joints[joint].current_full_scale_a)),
             state,
             state_ns: 0,
@@ -71,7 +118,7 @@ impl SimulatedArm {
 
     /// Joint angles in rad at the last step.
     pub fn position_rad(&self) -> [f64; 2] {
-        self.state.position_rad
+        self.state.motors().position_rad
     }
 
     /// The step is over.
@@ -93,7 +140,7 @@ impl SimulatedArm {
         });
         if !self.powered {
             // The brakes engage when power goes, and hold at once.
-            self.state.velocity_rad_s = [0.0; 2];
+            self.state.hold();
         }
         self.ahead = self.after(LONGEST_STEP_NS);
     }
@@ -114,7 +161,7 @@ impl SimulatedArm {
 
     fn edge(&self, joint: usize) -> Option<Edge> {
         let per_rad = self.drives[joint].counts_per_rad();
-        let [from, to] = [&self.state, &self.ahead].map(|state| state.position_rad[joint] * per_rad);
+        let [from, to] = [&self.state, &self.ahead].map(|state| state.motors().position_rad[joint] * per_rad);
         // All cells of an encoder are one count wide. This one's begin above their number, so that it agrees with the
         // paper's fix() where counts are negative, which they are on all of the paper's movement.
         let shown = self.counts[joint] as f64;
@@ -149,11 +196,23 @@ impl SimulatedArm {
         }
     }
 
-    fn after(&self, duration_ns: u64) -> State<f64> {
-        if !self.powered {
+    fn after(&self, duration_ns: u64) -> Moving {
+        if !self.powered || duration_ns == 0 {
             return self.state;
         }
-        let torque_nm = [0, 1].map(|joint: usize| self.drives[joint].motor_torque_nm(self.current_a[joint]));
-        self.plant.step(&self.state, torque_nm, duration_ns as f64 * 1e-9)
+        let duration_s = duration_ns as f64 * 1e-9;
+        match (&self.plant, &self.state) {
+            (Plant::Plain(plant), Moving::Plain(state)) => {
+                let torque_nm = [0, 1].map(|joint: usize| self.drives[joint].motor_torque_nm(self.current_a[joint]));
+                Moving::Plain(plant.step(state, torque_nm, duration_s))
+            }
+            (Plant::Extended(machine), Moving::Extended(motion)) => {
+                let held = machine.fresh(machine.input(self.current_a), [0.0; 2]);
+                let next = machine.step(motion, &held, duration_s);
+                Moving::Extended(Motion { time_s: BEFORE_RECORDING_S, ..next })
+            }
+            // Both were made together.
+            (_, &state) => state,
+        }
     }
 }

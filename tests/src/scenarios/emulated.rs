@@ -46,8 +46,8 @@ pub fn switched_on() -> Option<impl Fn(Setup) -> EmulatedBoard> {
         println!("SKIPPED: {FIRMWARE_VARIABLE} names no image; run `tests/run emulated`, which builds one");
     }
     let firmware = firmware?;
-    Some(move |Setup { robot, flash }: Setup| {
-        EmulatedBoard::start_with(&firmware, &robot, &hidden(), &flash).expect("an image that runs")
+    Some(move |setup: Setup| {
+        EmulatedBoard::start_with(&firmware, &setup.robot, &setup.hidden(), &setup.flash).expect("an image that runs")
     })
 }
 

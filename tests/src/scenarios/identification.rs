@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use armid::board_setup::board_model;
 use armid::capture::{self, Circumstances};
 use armid::client::{Client, Movement};
+use armid::compensation::board_model;
 use armid::identified_model;
 use armid::identify::{Options, identify};
 use armid::recording::{Mode, Recording};

@@ -3,11 +3,13 @@
 use std::time::Duration;
 
 use armid::client::MovementProgress;
+use armid::compensation::{board_model, without_effects};
+use armid::model::Effect;
 use shared::protocol::{ControlLaw, Fault, Mode, Request};
 
 use super::{
     BoardUnderTest, Setup, check_whole, largest_errors_counts, loaded, nod, paper_movement, plan, ready,
-    run_undisturbed, true_model, within_one_count_percent,
+    rms_errors_counts, robot, run_undisturbed, true_model, within_one_count_percent,
 };
 
 /// From a request on, everything is off within a loop period, a run of the control interrupt, and some slack.
@@ -52,6 +54,39 @@ pub fn computed_torque_with_the_true_model_stays_within_one_count<B: BoardUnderT
     let within_percent = within_one_count_percent(&movement);
     println!("{within_percent:.3} % within one count, largest {:?}", largest_errors_counts(&movement));
     assert!(within_percent >= 99.0);
+    board.finish();
+}
+
+/// An arm with friction that depends on direction and speed, an offset and cogging: a model that does not know of them
+/// tracks it worse than one that does, which holds it as well as an arm without.
+pub fn effects_that_the_model_knows_are_compensated<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
+    let effects: Vec<Effect> = [
+        "asymmetric-viscous-friction:joint=2,difference_nm_s_per_rad=0.0008",
+        "stribeck-friction:joint=2,extra_nm=0.08,velocity_rad_s=20",
+        "asymmetric-friction:joint=3,difference_nm=0.06",
+        "cogging:joint=3,amplitude_nm=0.1,order=3,phase_rad=1.1",
+    ]
+    .map(|text| armid::effects::parse(text).expect("an effect"))
+    .into();
+    let setup = Setup { effects, ..Setup::default() };
+    let whole = setup.hidden().to_model(toml::Table::new());
+    let board = switch_on(setup);
+    let mut client = ready(&board);
+    let mut tracked = |model: &armid::model::Model| {
+        let model = board_model(&robot(), model).expect("a model for the board");
+        assert_eq!(client.upload(&model).expect("an accepted model").active, model);
+        client.load_trajectory(&paper_movement(3.65)).expect("an accepted movement");
+        let movement = client.run(&plan(ControlLaw::ComputedTorque), &mut |_| {}).expect("a movement");
+        check_whole(&movement);
+        (rms_errors_counts(&movement), within_one_count_percent(&movement), largest_errors_counts(&movement))
+    };
+    let (rms_without, within_without, largest_without) =
+        tracked(&without_effects(&whole).expect("effects that can be compensated"));
+    let (rms, within, largest) = tracked(&whole);
+    println!("without: {rms_without:.2?} counts rms, {within_without:.2} % within one, largest {largest_without:?}");
+    println!("with:    {rms:.2?} counts rms, {within:.2} % within one, largest {largest:?}");
+    assert!((0..2).all(|joint| rms[joint] < 0.5 * rms_without[joint]));
+    assert!(within >= 99.0 && within_without < 90.0);
     board.finish();
 }
 

@@ -51,8 +51,9 @@ impl NativeBoard {
     }
 
     /// As [`Self::start`], with all of a setup.
-    pub fn with_setup(setup: Setup, hidden: HiddenRobot) -> Self {
-        Self::watch(SimulatedBoard::new(&setup.robot, hidden, NOISE_SEED).with_flash(setup.flash))
+    pub fn with_setup(setup: &Setup) -> Self {
+        let board = SimulatedBoard::new(&setup.robot, setup.hidden(), NOISE_SEED);
+        Self::watch(board.with_flash(setup.flash.clone()))
     }
 
     fn watch(board: SimulatedBoard) -> Self {

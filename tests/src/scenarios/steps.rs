@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use armid::board_setup::{board_model, configuration};
+use armid::board_setup::configuration;
 use armid::client::{Client, Movement, MovementPlan, Pose};
+use armid::compensation::board_model;
 use armid::robot::Robot;
 use shared::protocol::{ControlLaw, Model};
 use shared::trajectory::{Points, Trajectory};
@@ -78,6 +79,14 @@ pub fn true_model_for(robot: &Robot) -> Model {
 /// Largest absolute errors of both joints, in counts.
 pub fn largest_errors_counts(movement: &Movement) -> [i16; 2] {
     [0, 1].map(|joint: usize| movement.samples.iter().map(|sample| sample.error_counts[joint].abs()).max().unwrap_or(0))
+}
+
+/// Rms of the errors of both joints, in counts.
+pub fn rms_errors_counts(movement: &Movement) -> [f64; 2] {
+    [0, 1].map(|joint: usize| {
+        let squares = movement.samples.iter().map(|sample| f64::from(sample.error_counts[joint]).powi(2));
+        (squares.sum::<f64>() / movement.samples.len() as f64).sqrt()
+    })
 }
 
 /// Share of rows with both errors within one count, in percent.

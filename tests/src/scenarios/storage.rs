@@ -134,9 +134,9 @@ pub fn parameters_survive_a_power_cycle_and_a_blank_memory_is_prepared_for_them<
 pub fn power_cut_during_a_store_leaves_the_old_or_the_new_model<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
     let board = switch_on(with(filled(1)));
     drop(greeted(&board));
-    // 4 words of header, 153 of payload, the CRC and the seal.
-    const OPERATIONS: u64 = 159;
-    let points = [0, 3, 80, OPERATIONS - 3, OPERATIONS - 2, OPERATIONS - 1];
+    // Words of a record: header, payload, CRC and seal.
+    let operations = (filled(2).history().operations() - filled(1).history().operations()) as u64;
+    let points = [0, 3, 80, operations - 3, operations - 2, operations - 1];
     let mut old = 0;
     let mut kept_new = 0;
     for (new, point) in (1..).zip(points) {
@@ -151,7 +151,7 @@ pub fn power_cut_during_a_store_leaves_the_old_or_the_new_model<B: BoardUnderTes
         let active = client.active_model().expect("an answer");
         assert!([Some(model(old)), Some(model(new))].contains(&active), "cut at {point}: {active:?}");
         let is_new = active == Some(model(new));
-        assert_eq!(is_new, point >= OPERATIONS - 1, "the CRC decides, cut at {point}");
+        assert_eq!(is_new, point >= operations - 1, "the CRC decides, cut at {point}");
         if is_new {
             old = new;
             kept_new += 1;

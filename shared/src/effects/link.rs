@@ -1,0 +1,51 @@
+//! Torques on a link that are neither its gear's nor the arm's own.
+
+use super::JointEffects;
+use crate::scalar::Scalar;
+
+/// What acts on one link from outside.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Link<S> {
+    /// The balance spring.
+    pub spring: Spring<S>,
+    contact: S,
+    contact_start: S,
+    contact_end: S,
+}
+
+/// A balance spring at one joint.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Spring<S> {
+    torque: S,
+    angle: S,
+}
+
+impl<S: Scalar> Link<S> {
+    pub fn new(effects: &JointEffects<S>) -> Self {
+        Self {
+            spring: Spring::new(effects),
+            contact: effects.contact_nm,
+            contact_start: effects.contact_start_s,
+            contact_end: effects.contact_start_s + effects.contact_duration_s,
+        }
+    }
+
+    /// The contact's mean torque over a step, N m.
+    #[inline(always)]
+    pub fn contact_nm(&self, time_s: S, period_s: S) -> S {
+        let shared = (time_s + period_s).minimum(self.contact_end) - time_s.maximum(self.contact_start);
+        self.contact * shared.maximum(shared.constant(0.0)) / period_s
+    }
+}
+
+impl<S: Scalar> Spring<S> {
+    pub fn new(effects: &JointEffects<S>) -> Self {
+        Self { torque: effects.spring_nm, angle: effects.spring_angle_rad }
+    }
+
+    /// The spring's torque at an angle of the joint, N m.
+    #[inline(always)]
+    pub fn torque_nm(&self, position_rad: S) -> S {
+        self.torque * (position_rad - self.angle).sin_cos().1
+    }
+}
