@@ -9,7 +9,7 @@ use super::noise::{self, Noise};
 use super::screen::{self, Scored};
 use super::shortlist::{SAME_GAP, class, shortlist};
 use super::threshold::null_scores;
-use super::verdict::{Decision, Rounds, priors_complain};
+use super::verdict::{Decision, MOST_NAMED, Rounds, Verdict, priors_complain};
 use crate::identify::Columns;
 
 /// Effects that are looked for at most.
@@ -105,6 +105,7 @@ impl Case<'_> {
         let (mut null_score, mut threshold) = (0.0, f64::INFINITY);
         let white: Noise = flat;
         let mut most_gap = f64::INFINITY;
+        let mut first: Option<(Fitted, Accepted, Noise)> = None;
         for round in 0..=MOST_EFFECTS {
             let innovations = train.innovations(&current.hypothesis);
             let settled = round > 0 && !priors_complain(train, &current.hypothesis);
@@ -205,6 +206,9 @@ impl Case<'_> {
             // Everything once more, nothing taken from before.
             let (fitted, less_noise) = self.settle(best_fitted, noise);
             (current, noise) = (fitted, less_noise);
+            if let [only] = &accepted[..] {
+                first = Some((current.clone(), only.clone(), noise));
+            }
             self.take_back(&mut current, &mut accepted, known.len(), &train.weights(&noise), threshold);
         }
         let rounds = Rounds {
@@ -219,6 +223,15 @@ impl Case<'_> {
             before,
             scores: [null_score, threshold],
         };
+        // With many effects anything can be imitated. Where one alone explains enough, the others were its own faults.
+        if rounds.accepted.len() > MOST_NAMED
+            && let Some((fitted, accepted, noise)) = first
+        {
+            let alone = self.judge(Rounds { fitted, accepted: vec![accepted], noise, ..rounds.clone() });
+            if alone.verdict == Verdict::Named {
+                return Some(alone);
+            }
+        }
         Some(self.judge(rounds))
     }
 

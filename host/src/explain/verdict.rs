@@ -4,6 +4,7 @@ use super::decide::{Accepted, Case, Rival};
 use super::engine::{Engine, Fitted, Free};
 use super::held_out::adapted;
 use super::hypothesis::Hypothesis;
+use super::linear::inner;
 use super::noise::{self, Noise};
 use crate::identify::Columns;
 
@@ -12,7 +13,7 @@ pub const MOST_TORQUE_NOISE: f64 = 0.025;
 /// Within this factor of the floor a gap is closed.
 pub const CLOSED: f64 = 1.1;
 /// Effects that are named together at most: with enough of them anything can be imitated.
-const MOST_NAMED: usize = 2;
+pub const MOST_NAMED: usize = 2;
 /// Share of the excess of the recordings kept back from which effects foretell them well, and in part.
 const FORETOLD: f64 = 0.9;
 const FORETOLD_IN_PART: f64 = 0.5;
@@ -43,6 +44,7 @@ pub enum Verdict {
 }
 
 /// What the rounds found.
+#[derive(Clone)]
 pub struct Rounds {
     /// The baseline as given.
     pub start: Hypothesis,
@@ -106,7 +108,7 @@ struct HeldOut {
     floor: f64,
     /// Share of their excess over the floor that the effects take away beyond what base parameters do alone.
     foretold: f64,
-    /// By how much the effects lower χ² of the data beyond base parameters alone.
+    /// By how much the effects lower χ² of the motion beyond base parameters alone.
     gain: f64,
     /// Their length in samples.
     length: f64,
@@ -140,13 +142,14 @@ impl Case<'_> {
         let gaps = held_out.as_ref().map(|held_out| held_out.gaps);
         // Without recordings kept back nothing speaks against the effects.
         let foretold = held_out.as_ref().map_or(1.0, |held_out| held_out.foretold);
-        // A gain in the data, rather than in what was known beforehand, has to show in what was kept back.
-        let gained = null_cost
-            - final_cost
-            - (train.prior_cost(&rounds.null.hypothesis) - train.prior_cost(&rounds.fitted.hypothesis));
-        let kept = held_out
-            .as_ref()
-            .is_none_or(|held_out| held_out.gain >= f64::min(KEPT * gained * held_out.length / train.length(), PROVEN));
+        // A gain in the motion, rather than in current or in what was known beforehand, has to show in what was kept back.
+        let of_motion = |fitted: &Fitted| inner(&fitted.residual.motion, &fitted.residual.motion, &weights);
+        let gained = of_motion(&rounds.null) - of_motion(&rounds.fitted);
+        let by_motion = gained > 0.5 * (null_cost - final_cost);
+        let kept = held_out.as_ref().is_none_or(|held_out| {
+            let least = f64::min(KEPT * gained * held_out.length / train.length(), PROVEN);
+            !by_motion || held_out.gain >= least
+        });
         let count = rounds.accepted.len();
         let closes = kept
             && held_out_agrees(gaps, floor)
@@ -198,7 +201,7 @@ fn held_out(check: &Engine, rounds: &Rounds, noise: &Noise) -> HeldOut {
     let excess = alone * alone - floor * floor;
     let of_data = |hypothesis: &Hypothesis| {
         let left = check.refit(hypothesis, &weights, &[], Free::OfRecords, 0);
-        left.map_or(f64::INFINITY, |left| left.residual.inner(&left.residual, &weights))
+        left.map_or(f64::INFINITY, |left| inner(&left.residual.motion, &left.residual.motion, &weights))
     };
     HeldOut {
         gaps: [check.gap(&check.innovations(&first)), after],
