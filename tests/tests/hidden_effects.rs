@@ -117,7 +117,6 @@ fn a_single_regression_names_what_is_clear() {
 /// `explain` on eight clear cases and three with nothing hidden: every name right or in a class of three, on the right
 /// joint, and no name for nothing.
 #[test]
-#[ignore = "for the command explain, once armid has it"]
 fn explain_names_the_fixed_cases() {
     let mut program = std::env::current_exe().expect("this test's own path");
     program.pop();

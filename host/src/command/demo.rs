@@ -37,15 +37,40 @@ const EXAMPLES: &str = "Examples:
 pub struct Demo {
     #[command(subcommand)]
     story: Option<Story>,
-    /// Seed of the hidden robot, its noise and the identification
+    #[command(flatten)]
+    common: Common,
+}
+
+/// What every demonstration is told.
+#[derive(Debug, Args)]
+struct Common {
+    /// Seed of the hidden robot, of what is hidden in it, of the noise and of everything that searches
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Folder for robot file, recordings, model, truth and picture
+    /// Folder for robot file, recordings, models, truth and pictures
     #[arg(long, value_name = "FOLDER", default_value = "armid-out")]
     out: PathBuf,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+}
+
+impl Common {
+    /// Runs one of the paper's movements and keeps the recording in the output folder.
+    fn movement(
+        &self,
+        client: &mut Client,
+        robot: &Robot,
+        period_s: f64,
+        mode: Mode,
+        file: &str,
+    ) -> Result<Recording, CommandError> {
+        let movement = TrajectoryArguments::paper(period_s).prepare(robot)?;
+        let run = Run { robot, movement: &movement, mode, seed: Some(self.seed), path: self.out.join(file) };
+        let ran = run.on(client)?;
+        ran.write(robot)?;
+        ran.whole()
+    }
 }
 
 /// What else can be shown.
@@ -61,17 +86,17 @@ impl Demo {
             return story.run();
         }
         let robot = Robot::paper();
-        let truth = HiddenRobot::draw(&robot, self.seed);
+        let truth = HiddenRobot::draw(&robot, self.common.seed);
         let configuration = armid::board_setup::configuration(&robot)?;
-        let mut client = Client::connect(Box::new(SimulatedBoard::new(&robot, truth.clone(), self.seed)))?;
+        let mut client = Client::connect(Box::new(SimulatedBoard::new(&robot, truth.clone(), self.common.seed)))?;
         client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false)?;
-        robot.write(&self.out.join("robot.toml"))?;
+        robot.write(&self.common.out.join("robot.toml"))?;
 
         advise("1/5 recording two movements under the position loop");
         let mut training = Vec::new();
         for (index, period_s) in TRAINING_PERIODS_S.into_iter().enumerate() {
             let name = format!("train{}.csv", index + 1);
-            training.push(self.movement(&mut client, &robot, period_s, Mode::P, &name)?);
+            training.push(self.common.movement(&mut client, &robot, period_s, Mode::P, &name)?);
         }
 
         advise("2/5 calibrating the position loop");
@@ -79,27 +104,27 @@ impl Demo {
         let robot_as_calibrated = calibrated(&robot, &calibration);
 
         advise("3/5 identifying the arm");
-        let options = Options { seed: self.seed, ..Options::default() };
+        let options = Options { seed: self.common.seed, ..Options::default() };
         let found = identify::with_progress(&robot_as_calibrated, &training, &[], &options)?;
         let model = identify::to_model(&robot, &training, &found, &options);
-        model.write(&self.out.join("model.toml"))?;
-        truth.to_model(toml::Table::new()).write(&self.out.join("truth.toml"))?;
+        model.write(&self.common.out.join("model.toml"))?;
+        truth.to_model(toml::Table::new()).write(&self.common.out.join("truth.toml"))?;
 
         advise("4/5 uploading the model");
         let receipt = client.upload(&armid::compensation::board_model(&robot, &model)?)?;
         advise(format!("    now active: model {:08x}, read back from the board", receipt.crc));
 
         advise("5/5 tracking the paper's movement under the position loop and under computed torque");
-        let p = self.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::P, "track-p.csv")?;
-        let ctc = self.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "track-ctc.csv")?;
-        let picture = self.out.join("demo.svg");
+        let p = self.common.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::P, "track-p.csv")?;
+        let ctc = self.common.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "track-ctc.csv")?;
+        let picture = self.common.out.join("demo.svg");
         self.draw(&picture, &robot, &p, &ctc)?;
 
         let summary = summary(&p, &ctc);
         let compared = track::pair(p, ctc);
-        if self.json {
+        if self.common.json {
             let mut object = track::to_json(&compared);
-            object["seed"] = json!(self.seed);
+            object["seed"] = json!(self.common.seed);
             object["true_f"] = json!(truth.f);
             object["f"] = json!(model.f);
             object["standard_error"] = json!(model.f_standard_error);
@@ -116,29 +141,13 @@ impl Demo {
              s\n{}\n\n{}\n\nFiles in {}: robot.toml, train1.csv, train2.csv, model.toml, truth.toml, track-p.csv, \
              track-ctc.csv, demo.svg",
             calibration_table(&calibration),
-            self.seed,
+            self.common.seed,
             comparison(&truth, &model),
             TRACKING_PERIOD_S,
             track::table(&robot, &compared),
             summary,
-            self.out.display()
+            self.common.out.display()
         ))
-    }
-
-    /// Runs one of the paper's movements and keeps the recording in the output folder.
-    fn movement(
-        &self,
-        client: &mut Client,
-        robot: &Robot,
-        period_s: f64,
-        mode: Mode,
-        file: &str,
-    ) -> Result<Recording, CommandError> {
-        let movement = TrajectoryArguments::paper(period_s).prepare(robot)?;
-        let run = Run { robot, movement: &movement, mode, seed: Some(self.seed), path: self.out.join(file) };
-        let ran = run.on(client)?;
-        ran.write(robot)?;
-        ran.whole()
     }
 
     fn draw(&self, path: &Path, robot: &Robot, p: &Recording, ctc: &Recording) -> Result<(), CommandError> {

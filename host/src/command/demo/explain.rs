@@ -1,7 +1,5 @@
 //! `armid demo explain`: a robot changes after it was identified; what changed is found, named, added and compensated.
 
-use std::path::PathBuf;
-
 use armid::client::{Client, Pose};
 use armid::compensation::board_model;
 use armid::explain::{Explanation, Finding, Options, explain};
@@ -15,16 +13,13 @@ use armid::robot::Robot;
 use clap::Args;
 use serde_json::json;
 
-use super::super::common::{TrajectoryArguments, advise, for_board, print, print_json};
-use super::super::run::Run;
+use super::super::common::{advise, for_board, print, print_json};
 use super::super::track::{self, Compared};
 use super::super::{CommandError, drawing, identify as identify_command, progress};
+use super::{Common, TRACKING_PERIOD_S, TRAINING_PERIODS_S};
 
-/// Periods T of the paper's movement in s: two to fit, one kept back to judge by.
-const FITTED_PERIODS_S: [f64; 2] = [3.65, 5.0];
+/// Period T of the movement that is kept back to judge by, in s.
 const CHECK_PERIOD_S: f64 = 4.2;
-/// Period of the movement that is tracked, in s: the paper's.
-const TRACKING_PERIOD_S: f64 = 3.65;
 
 const EXAMPLES: &str = "The effect is drawn from those of the library that computed torque can compensate: name, joint, size \
     and shape. What explains sees the recordings and the model of the healthy robot, nothing else; the truth is printed \
@@ -38,28 +33,21 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ExplainDemo {
-    /// Seed of the hidden robot, of its hidden effect, of the noise and of everything that searches
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
     /// Effect to hide instead of a drawn one, NAME:joint=JOINT,PARAMETER=VALUE,… (see simulate --help)
     #[arg(long, value_name = "EFFECT")]
     effect: Option<String>,
-    /// Folder for robot file, recordings, models, truth, report and picture
-    #[arg(long, value_name = "FOLDER", default_value = "armid-out")]
-    out: PathBuf,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    common: Common,
 }
 
 impl ExplainDemo {
     pub fn run(&self) -> Result<(), CommandError> {
         let robot = Robot::paper();
-        robot.write(&self.out.join("robot.toml"))?;
-        let healthy = HiddenRobot::draw(&robot, self.seed);
+        robot.write(&self.common.out.join("robot.toml"))?;
+        let healthy = HiddenRobot::draw(&robot, self.common.seed);
         let truth = match &self.effect {
             Some(text) => armid::effects::parse(text)?,
-            None => hidden_effect::draw(&robot, self.seed),
+            None => hidden_effect::draw(&robot, self.common.seed),
         };
         let changed = healthy.clone().with_effects(std::slice::from_ref(&truth), &robot)?;
 
@@ -67,34 +55,34 @@ impl ExplainDemo {
         let mut client = self.board(&robot, healthy)?;
         let baseline = self.baseline(&robot, &mut client)?;
         client.upload(&board_model(&robot, &baseline)?)?;
-        let healthy = self.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "ctc-healthy.csv")?;
+        let healthy = self.common.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "ctc-healthy.csv")?;
 
         advise("2/5 something about the robot changes; recording it anew");
         let mut client = self.board(&robot, changed)?;
-        let fitted = FITTED_PERIODS_S
+        let fitted = TRAINING_PERIODS_S
             .into_iter()
             .enumerate()
             .map(|(index, period_s)| {
-                self.movement(&mut client, &robot, period_s, Mode::P, &format!("changed{}.csv", index + 1))
+                self.common.movement(&mut client, &robot, period_s, Mode::P, &format!("changed{}.csv", index + 1))
             })
             .collect::<Result<Vec<Recording>, CommandError>>()?;
-        let check = self.movement(&mut client, &robot, CHECK_PERIOD_S, Mode::P, "changed-check.csv")?;
+        let check = self.common.movement(&mut client, &robot, CHECK_PERIOD_S, Mode::P, "changed-check.csv")?;
 
         advise("3/5 explaining what the baseline lacks");
         let explanation = self.explained(&robot, &fitted, &[check], &baseline)?;
 
         advise("4/5 tracking with the baseline");
         client.upload(&board_model(&robot, &baseline)?)?;
-        let plain = self.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "ctc-baseline.csv")?;
+        let plain = self.common.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "ctc-baseline.csv")?;
 
         advise("5/5 tracking with the extended model");
         client.upload(&for_board(&robot, &explanation.model)?)?;
-        let extended = self.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "ctc-extended.csv")?;
+        let extended = self.common.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "ctc-extended.csv")?;
 
         let runs = [(&plain, "model of the healthy robot"), (&extended, "extended model")];
         let picture = drawing::tracking(&robot, runs)
             .map_err(|reason| CommandError::Failed(format!("the picture could not be drawn: {reason}")))?;
-        armid::write_file(&self.out.join("tracking.svg"), picture.as_bytes())?;
+        armid::write_file(&self.common.out.join("tracking.svg"), picture.as_bytes())?;
         let compared = [
             Compared { label: "healthy robot, its model", field: "ctc_healthy", recording: healthy },
             Compared { label: "changed robot, old model", field: "ctc_without_effects", recording: plain },
@@ -105,7 +93,7 @@ impl ExplainDemo {
 
     /// A simulated board with `hidden` at its terminals, ready to move.
     fn board(&self, robot: &Robot, hidden: HiddenRobot) -> Result<Client, CommandError> {
-        let mut client = Client::connect(Box::new(SimulatedBoard::new(robot, hidden, self.seed)))?;
+        let mut client = Client::connect(Box::new(SimulatedBoard::new(robot, hidden, self.common.seed)))?;
         client.prepare(&armid::board_setup::configuration(robot)?, Pose::DefaultsTo([0.0; 2]), false)?;
         Ok(client)
     }
@@ -113,13 +101,19 @@ impl ExplainDemo {
     /// The model of the robot as it was, with its standard errors.
     fn baseline(&self, robot: &Robot, client: &mut Client) -> Result<Model, CommandError> {
         let mut recordings = Vec::new();
-        for (index, period_s) in FITTED_PERIODS_S.into_iter().enumerate() {
-            recordings.push(self.movement(client, robot, period_s, Mode::P, &format!("healthy{}.csv", index + 1))?);
+        for (index, period_s) in TRAINING_PERIODS_S.into_iter().enumerate() {
+            recordings.push(self.common.movement(
+                client,
+                robot,
+                period_s,
+                Mode::P,
+                &format!("healthy{}.csv", index + 1),
+            )?);
         }
-        let options = identify::Options { seed: self.seed, ..identify::Options::default() };
+        let options = identify::Options { seed: self.common.seed, ..identify::Options::default() };
         let found = identify_command::with_progress(robot, &recordings, &[], &options)?;
         let baseline = identify_command::to_model(robot, &recordings, &found, &options);
-        baseline.write(&self.out.join("baseline.toml"))?;
+        baseline.write(&self.common.out.join("baseline.toml"))?;
         Ok(baseline)
     }
 
@@ -132,31 +126,16 @@ impl ExplainDemo {
         baseline: &Model,
     ) -> Result<Explanation, CommandError> {
         let bar = progress::bar("explain", 0);
-        let options = Options { seed: self.seed, design_next: false };
+        let options = Options { seed: self.common.seed, design_next: false };
         let explanation = explain(robot, fitted, check, Some(baseline), &options, &|stage| {
             bar.set_message(stage);
             bar.tick();
         })?;
         bar.finish_and_clear();
-        explanation.model.write(&self.out.join("extended.toml"))?;
+        explanation.model.write(&self.common.out.join("extended.toml"))?;
         let page = explanation.to_html(&robot.name).map_err(|error| CommandError::Failed(error.to_string()))?;
-        armid::write_file(&self.out.join("report.html"), page.as_bytes())?;
+        armid::write_file(&self.common.out.join("report.html"), page.as_bytes())?;
         Ok(explanation)
-    }
-
-    fn movement(
-        &self,
-        client: &mut Client,
-        robot: &Robot,
-        period_s: f64,
-        mode: Mode,
-        file: &str,
-    ) -> Result<Recording, CommandError> {
-        let movement = TrajectoryArguments::paper(period_s).prepare(robot)?;
-        let run = Run { robot, movement: &movement, mode, seed: Some(self.seed), path: self.out.join(file) };
-        let ran = run.on(client)?;
-        ran.write(robot)?;
-        ran.whole()
     }
 
     fn report(
@@ -170,15 +149,15 @@ impl ExplainDemo {
         let named = explanation.effects.iter().filter(same_joint).any(|finding| finding.name == truth.name);
         let in_class =
             explanation.effects.iter().filter(same_joint).any(|finding| finding.class.contains(&truth.name.as_str()));
-        if self.json {
+        if self.common.json {
             let mut object = track::to_json(compared);
-            object["seed"] = json!(self.seed);
+            object["seed"] = json!(self.common.seed);
             object["explanation"] = explanation.to_json();
             object["sentences"] = json!(explanation.sentences);
             object["truth"] = json!(truth);
             object["truth_named"] = json!(named);
             object["truth_in_class"] = json!(in_class);
-            object["out"] = json!(self.out);
+            object["out"] = json!(self.common.out);
             return print_json(&object);
         }
         let parameters: Vec<String> =
@@ -194,7 +173,7 @@ impl ExplainDemo {
             explanation.sentences.join("\n"),
             TRACKING_PERIOD_S,
             track::table(robot, compared),
-            self.seed,
+            self.common.seed,
             truth.name,
             parameters.join(", "),
             match (named, in_class) {
@@ -202,7 +181,7 @@ impl ExplainDemo {
                 (false, true) => "in the class named",
                 (false, false) => "not named",
             },
-            self.out.display()
+            self.common.out.display()
         ))
     }
 }
