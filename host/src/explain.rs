@@ -19,6 +19,7 @@ mod findings;
 mod fit;
 mod held_out;
 mod hypothesis;
+mod kept_thresholds;
 mod library;
 mod linear;
 mod next;
@@ -45,6 +46,8 @@ pub use findings::{BeforeAfter, Candidate, Explanation, Finding, FoundParameter,
 pub use next::NextTrajectory;
 pub use report::{Line, Picture};
 pub use verdict::Verdict;
+
+use std::path::PathBuf;
 
 use crate::identify::{self, Experiment, IdentifyError, Parameter, Values};
 use crate::model::Model;
@@ -84,12 +87,15 @@ pub enum ExplainError {
 const USUAL_OFFSET: f64 = 0.003;
 
 /// What to do beside explaining.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Options {
     /// Seed of the null simulations, of the search of a baseline and of the movements tried.
     pub seed: u64,
     /// Whether to look for the movement that tells the members of a class apart.
     pub design_next: bool,
+    /// Folder to keep the scores of null simulations in, so that the same experiment is simulated once; it is made if it
+    /// is missing. Without one nothing is kept.
+    pub kept_thresholds: Option<PathBuf>,
 }
 
 /// Relative standard error below which no baseline is believed: mass changes with dust.
@@ -141,7 +147,8 @@ pub fn explain(
         }
         _ => None,
     };
-    let case = Case { train, check, seed, progress };
+    let kept_thresholds = options.kept_thresholds.as_deref();
+    let case = Case { train, check, seed, kept_thresholds, progress };
     let known = match held_out::adapted_to_train(&case.train, &baseline, &known) {
         Some(known) => known,
         None => known,

@@ -38,6 +38,10 @@ pub struct Explain {
     /// Report page to write: one HTML file with its pictures inside
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Folder to keep the scores of null simulations in, so that the same recordings under the same model are explained
+    /// faster the next time; by default armid's own among the user's caches, and none if this is empty
+    #[arg(long, value_name = "FOLDER", env = "ARMID_CACHE")]
+    cache: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -67,7 +71,14 @@ impl Explain {
             );
         }
         let bar = progress::bar("explain", 0);
-        let options = Options { seed: self.seed, design_next: self.next.is_some() };
+        let options = Options {
+            seed: self.seed,
+            design_next: self.next.is_some(),
+            kept_thresholds: match &self.cache {
+                Some(folder) => Some(folder.clone()).filter(|folder| !folder.as_os_str().is_empty()),
+                None => dirs::cache_dir().map(|caches| caches.join("armid")),
+            },
+        };
         let explanation = explain(&robot, &recordings, &check, model.as_ref(), &options, &|stage| {
             bar.set_message(stage);
             bar.tick();

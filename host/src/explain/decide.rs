@@ -1,5 +1,7 @@
 //! Round by round: screen the library, refit what leads, take the best, look at all again.
 
+use std::path::Path;
+
 use super::engine::{Engine, Fitted, Free};
 use super::held_out::adapted;
 use super::hypothesis::Hypothesis;
@@ -8,7 +10,7 @@ use super::linear::Base;
 use super::noise::{self, Noise};
 use super::screen::{self, Scored};
 use super::shortlist::{SAME_GAP, class, shortlist};
-use super::threshold::null_scores;
+use super::threshold::kept_null_scores;
 use super::verdict::{Decision, MOST_NAMED, Rounds, Verdict, priors_complain};
 use crate::identify::Columns;
 
@@ -77,6 +79,8 @@ pub struct Case<'a> {
     pub check: Option<Engine<'a>>,
     /// Seed of the null simulations.
     pub seed: u64,
+    /// Folder to keep the scores of null simulations in.
+    pub kept_thresholds: Option<&'a Path>,
     /// Told of every step.
     pub progress: &'a (dyn Fn(&'static str) + Sync),
 }
@@ -127,7 +131,7 @@ impl Case<'_> {
             if round == 0 {
                 (self.progress)("simulating robots that lack nothing");
                 let plausible = train.plausible(&noise, MOST_TORQUE_NOISE);
-                let scores = null_scores(train, &current, &features, &plausible, self.seed);
+                let scores = kept_null_scores(train, &current, &features, &plausible, self.seed, self.kept_thresholds);
                 null_score = largest_but_outliers(scores);
                 threshold = MARGIN_FACTOR * null_score + MARGIN;
                 null = Some(current.clone());
@@ -284,8 +288,8 @@ impl Case<'_> {
             if !instance.can_be() {
                 continue;
             }
-            let parameters = instance.flat().len() as f64;
-            let delta_bic = current.cost - fitted.cost - parameters * penalty;
+            let price = instance.kind.price(train.setting.experiment.segments.len()) * penalty;
+            let delta_bic = current.cost - fitted.cost - price;
             let key = (instance.kind.name, instance.joint);
             let same = |rival: &Rival| (rival.instance.kind.name, rival.instance.joint) == key;
             let rival = Rival { instance, delta_bic, held_out_gap: f64::NAN };
@@ -324,10 +328,10 @@ impl Case<'_> {
             let mut weakest: Option<(f64, usize, Fitted)> = None;
             for index in 0..accepted.len() - 1 {
                 let mut without = current.hypothesis.clone();
-                let parameters = without.named[known + index].flat().len() as f64;
-                without.named.remove(known + index);
+                let removed = without.named.remove(known + index);
                 let Some(fitted) = self.train.refit(&without, weights, &[], Free::All, 3) else { continue };
-                let loss = fitted.cost - current.cost - parameters * penalty;
+                let price = removed.kind.price(self.train.setting.experiment.segments.len()) * penalty;
+                let loss = fitted.cost - current.cost - price;
                 if weakest.as_ref().is_none_or(|(least, ..)| loss < *least) {
                     weakest = Some((loss, index, fitted));
                 }

@@ -11,6 +11,8 @@ pub enum Role {
     Shape,
     /// An angle with all directions alike.
     Phase,
+    /// A moment at which something changes, or how long after another.
+    Moment,
 }
 
 /// One parameter of an effect.
@@ -47,6 +49,12 @@ impl Parameter {
     pub fn usual(&self) -> f64 {
         let mut effects = Effects::OFF;
         *self.of(&mut effects, 0)
+    }
+
+    /// How many parameters it counts for where ΔBIC sets a price on them. A moment can be anywhere in a recording, so that
+    /// chance has as many tries: it counts for two (modified BIC of Zhang and Siegmund, Biometrics 63, 2007).
+    fn price(&self) -> usize {
+        if self.role == Role::Moment { 2 } else { 1 }
     }
 
     /// The number itself.
@@ -89,6 +97,14 @@ pub struct Kind {
     pub equivalent: &'static [&'static str],
     /// What it is called in a sentence.
     pub phrase: &'static str,
+}
+
+impl Kind {
+    /// How many parameters the effect counts for in so many recordings where ΔBIC sets a price on them.
+    pub fn price(&self, records: usize) -> f64 {
+        let of = |parameter: &Parameter| parameter.price() * if parameter.per_record { records } else { 1 };
+        self.parameters.iter().map(of).sum::<usize>() as f64
+    }
 }
 
 macro_rules! joint {
@@ -379,7 +395,7 @@ pub const LIBRARY: [Kind; 26] = [
                 name: "instant_s",
                 unit: "s",
                 place: joint!(slip_instant_s),
-                role: Role::Shape,
+                role: Role::Moment,
                 step: 2e-4,
                 range: [-1.0, 1e5],
                 per_record: true,
@@ -394,12 +410,20 @@ pub const LIBRARY: [Kind; 26] = [
         of_arm: false,
         parameters: &[
             size("torque_nm", "N m", joint!(contact_nm), 1e-2, ANY),
-            shape("duration_s", "s", joint!(contact_duration_s), 2e-3, [0.02, 3.0]),
+            Parameter {
+                name: "duration_s",
+                unit: "s",
+                place: joint!(contact_duration_s),
+                role: Role::Moment,
+                step: 2e-3,
+                range: [0.02, 3.0],
+                per_record: false,
+            },
             Parameter {
                 name: "start_s",
                 unit: "s",
                 place: joint!(contact_start_s),
-                role: Role::Shape,
+                role: Role::Moment,
                 step: 2e-3,
                 range: [-3.0, 1e5],
                 per_record: true,

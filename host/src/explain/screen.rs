@@ -55,8 +55,8 @@ pub struct Feature {
     pub columns: Vec<Column>,
     form: Form,
     records: usize,
-    /// Parameters that a fit of it determines.
-    pub parameters: usize,
+    /// How many parameters it counts for.
+    pub price: f64,
 }
 
 impl Feature {
@@ -82,7 +82,7 @@ impl Feature {
                     .map(|parameter| match parameter.role {
                         Role::Size => size.clamp(first.range[0], first.range[1]),
                         Role::Phase => waves[0].1,
-                        Role::Shape => shape.next().unwrap_or(1.0),
+                        Role::Shape | Role::Moment => shape.next().unwrap_or(1.0),
                     })
                     .collect();
                 let mut instance = Instance::new(kind, self.joint, &values, self.records);
@@ -159,14 +159,13 @@ pub fn features(stage: &Stage, weights: &[f64]) -> Vec<Feature> {
                 .map(|(record, column)| masked(stage.setting.rows, column, record))
                 .collect();
         }
-        let own = planned.kind.parameters.iter().filter(|parameter| parameter.per_record).count();
         features.push(Feature {
             kind: planned.kind,
             joint: planned.joint,
             columns,
             form: planned.form,
             records,
-            parameters: planned.kind.parameters.len() - own + own * records,
+            price: planned.kind.price(records),
         });
     }
     features
@@ -223,7 +222,7 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
                             let value = |role: Role| match role {
                                 Role::Size => step,
                                 Role::Phase => phase,
-                                Role::Shape => order,
+                                Role::Shape | Role::Moment => order,
                             };
                             let values: Vec<f64> = kind.parameters.iter().map(|p| value(p.role)).collect();
                             (new(&values), step)
@@ -284,7 +283,7 @@ pub fn score(base: &Base, features: &[Feature], rows: usize) -> Vec<Scored> {
             let base_count = fit.coefficients.len() - columns.len();
             let possible = feature.instance(&fit.coefficients[base_count..]).is_some();
             let gain = if possible && fit.cost.is_finite() { alone - fit.cost } else { 0.0 };
-            Scored { feature: index, delta_bic: gain - feature.parameters as f64 * (rows as f64).ln(), fit }
+            Scored { feature: index, delta_bic: gain - feature.price * (rows as f64).ln(), fit }
         })
         .collect();
     scored.sort_by(|a, b| b.delta_bic.total_cmp(&a.delta_bic));

@@ -40,7 +40,7 @@ fn explained(effects: &[(&str, usize, &[f64])]) -> Explanation {
     };
     let recordings = recordings(&robot, &baseline, effects.iter().map(effect).collect());
     let (fitted, check) = recordings.split_at(2);
-    let options = Options { seed: 1, design_next: false };
+    let options = Options { seed: 1, design_next: false, kept_thresholds: None };
     explain(&robot, fitted, check, Some(&model), &options, &|_| ()).expect("an explanation")
 }
 
@@ -90,7 +90,7 @@ fn recordings_of_two_robots_are_told_apart_and_nothing_named() {
     let one = recordings(&robot, &baseline, Vec::new());
     let two = recordings(&robot, &other, Vec::new());
     let mixed = [one[0].clone(), two[1].clone()];
-    let options = Options { seed: 1, design_next: false };
+    let options = Options { seed: 1, design_next: false, kept_thresholds: None };
     for (fitted, check) in [(&mixed[..], &one[2..]), (&one[..2], &two[2..])] {
         let explanation = explain(&robot, fitted, check, Some(&model), &options, &|_| ()).expect("an explanation");
         assert_eq!(explanation.verdict, Verdict::Unknown, "{:?}", explanation.sentences);
@@ -107,7 +107,7 @@ fn a_wrong_gain_is_told_and_nothing_named() {
     let mut other = robot.clone();
     other.joints[1].law =
         crate::robot::Law::Proportional(shared::control::PositionLoop { gain_a_per_count: 0.04, lead: 0.0 });
-    let options = Options { seed: 1, design_next: false };
+    let options = Options { seed: 1, design_next: false, kept_thresholds: None };
     let refused = explain(&other, &recordings, &[], Some(&model), &options, &|_| ());
     assert!(matches!(refused, Err(ExplainError::Audit(AuditError::WrongGain { .. }))), "{refused:?}");
 }
@@ -148,7 +148,7 @@ fn the_next_movement_tells_apart_what_a_poor_one_does_not() {
             simulated(&robot, &baseline, &truth, movement, &noise, seed).expect("a recording")
         };
         let told = |recordings: &[Recording]| {
-            let options = Options { seed: 1, design_next: false };
+            let options = Options { seed: 1, design_next: false, kept_thresholds: None };
             let explanation =
                 explain(&robot, recordings, &[], Some(&model), &options, &|_| ()).expect("an explanation");
             explanation.effects.iter().map(|effect| effect.class.clone()).collect::<Vec<_>>()
@@ -164,4 +164,36 @@ fn the_next_movement_tells_apart_what_a_poor_one_does_not() {
         std::fs::remove_file(&path).expect("the file");
         assert_eq!(told(&[first, recorded(&designed, 9)]), [[name]], "{name}");
     }
+}
+
+/// What was kept of an experiment is found again and changes nothing; what belongs to another is not taken for it.
+#[test]
+fn thresholds_are_kept_by_experiment() {
+    let robot = Robot::paper();
+    let model = model(&robot);
+    let baseline = baseline(&robot, &model, true);
+    let recordings = recordings(&robot, &baseline, Vec::new());
+    let folder = tempfile::tempdir().expect("a folder");
+    let kept = || std::fs::read_dir(folder.path()).expect("a folder").flatten().map(|file| file.path());
+    let explained = |seed: u64| {
+        let options = Options { seed, design_next: false, kept_thresholds: Some(folder.path().into()) };
+        let (fitted, check) = recordings.split_at(1);
+        explain(&robot, fitted, &check[..1], Some(&model), &options, &|_| ()).expect("an explanation")
+    };
+    let first = explained(1);
+    let path = kept().next().expect("scores were kept");
+    assert_eq!(explained(1).to_json(), first.to_json());
+    assert_eq!(kept().count(), 1);
+
+    // That they were read shows when they say something else.
+    let text = std::fs::read_to_string(&path).expect("scores");
+    let lines = text.lines().count();
+    std::fs::write(&path, "1000\n".repeat(lines)).expect("written");
+    assert_eq!(explained(1).threshold[0], 1000.0);
+    assert_ne!(explained(2).threshold[0], 1000.0);
+    assert_eq!(kept().count(), 2);
+
+    // Half a file is none.
+    std::fs::write(&path, "1000\n").expect("written");
+    assert_eq!(explained(1).threshold, first.threshold);
 }

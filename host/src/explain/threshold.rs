@@ -1,8 +1,11 @@
 //! How large a score chance reaches in this experiment, from simulations of robots that lack nothing.
 
+use std::path::Path;
+
 use rayon::prelude::*;
 
 use super::engine::{Engine, Fitted};
+use super::kept_thresholds::Kept;
 use super::linear::{Column, inner, solve};
 use super::noise::Noise;
 use super::nulls::{NullNoise, simulate_nulls};
@@ -14,8 +17,28 @@ use nalgebra::{DMatrix, DVector};
 /// Null simulations that a threshold is taken from.
 pub const NULLS: usize = 48;
 
+/// [`null_scores`], computed once if there is a folder to keep them in.
+pub fn kept_null_scores(
+    engine: &Engine,
+    fitted: &Fitted,
+    features: &[Feature],
+    noise: &Noise,
+    seed: u64,
+    folder: Option<&Path>,
+) -> Vec<f64> {
+    let kept = folder.map(|folder| Kept::new(folder, engine, fitted, features, noise, NULLS, seed));
+    if let Some(scores) = kept.as_ref().and_then(|kept| kept.read(NULLS)) {
+        return scores;
+    }
+    let scores = null_scores(engine, fitted, features, noise, seed);
+    if let Some(kept) = kept {
+        kept.write(&scores);
+    }
+    scores
+}
+
 /// The largest score of each null simulation: ΔBIC of the best feature beside the base.
-pub fn null_scores(engine: &Engine, fitted: &Fitted, features: &[Feature], noise: &Noise, seed: u64) -> Vec<f64> {
+fn null_scores(engine: &Engine, fitted: &Fitted, features: &[Feature], noise: &Noise, seed: u64) -> Vec<f64> {
     let weights = engine.weights(noise);
     let Some(model) = fitted.hypothesis.candidate(engine.baseline, engine.setting.experiment) else {
         return Vec::new();
@@ -70,7 +93,7 @@ pub fn null_scores(engine: &Engine, fitted: &Fitted, features: &[Feature], noise
             let scores = projected
                 .iter()
                 .zip(features)
-                .map(|(directions, feature)| of(directions) - feature.parameters as f64 * penalty);
+                .map(|(directions, feature)| of(directions) - feature.price * penalty);
             scores.fold(f64::NEG_INFINITY, f64::max)
         })
         .collect()

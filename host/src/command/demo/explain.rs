@@ -126,7 +126,7 @@ impl ExplainDemo {
         baseline: &Model,
     ) -> Result<Explanation, CommandError> {
         let bar = progress::bar("explain", 0);
-        let options = Options { seed: self.common.seed, design_next: false };
+        let options = Options { seed: self.common.seed, design_next: false, kept_thresholds: None };
         let explanation = explain(robot, fitted, check, Some(baseline), &options, &|stage| {
             bar.set_message(stage);
             bar.tick();
