@@ -19,13 +19,16 @@ mod findings;
 mod fit;
 mod held_out;
 mod hypothesis;
+mod instance;
 mod kept_thresholds;
 mod library;
 mod linear;
 mod next;
 mod noise;
 mod nulls;
+mod remainder;
 mod report;
+mod resolution;
 mod response;
 mod rows;
 mod scan;
@@ -57,7 +60,7 @@ use decide::Case;
 use engine::Engine;
 use fit::Setting;
 use hypothesis::Baseline;
-use library::Instance;
+use instance::Instance;
 
 /// What stops an explanation.
 #[derive(Debug, thiserror::Error)]
@@ -153,9 +156,15 @@ pub fn explain(
         Some(known) => known,
         None => known,
     };
-    let decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
+    let mut decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
+    let coarse = resolution::coarse_encoders(robot, &all);
+    if !coarse.is_empty() {
+        // What steps of the encoder leave resembles effects; before it is mended none can be named.
+        decision.verdict = Verdict::Unknown;
+    }
     progress("writing down what was found");
     let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
+    explanation.sentences.extend(coarse.iter().map(|coarse| coarse.sentence(robot)));
     if explanation.verdict == Verdict::Unknown
         && agreement::only_each_by_itself(robot, &all, &baseline, &decision.noise, decision.floor)
     {

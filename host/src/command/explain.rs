@@ -1,5 +1,6 @@
 //! `armid explain`.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use armid::explain::{Explanation, Options, explain};
@@ -41,7 +42,7 @@ pub struct Explain {
     /// Folder to keep the scores of null simulations in, so that the same recordings under the same model are explained
     /// faster the next time; by default armid's own among the user's caches, and none if this is empty
     #[arg(long, value_name = "FOLDER", env = "ARMID_CACHE")]
-    cache: Option<PathBuf>,
+    cache: Option<OsString>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -75,7 +76,7 @@ impl Explain {
             seed: self.seed,
             design_next: self.next.is_some(),
             kept_thresholds: match &self.cache {
-                Some(folder) => Some(folder.clone()).filter(|folder| !folder.as_os_str().is_empty()),
+                Some(folder) => (!folder.is_empty()).then(|| PathBuf::from(folder)),
                 None => dirs::cache_dir().map(|caches| caches.join("armid")),
             },
         };

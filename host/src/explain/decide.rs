@@ -5,7 +5,7 @@ use std::path::Path;
 use super::engine::{Engine, Fitted, Free};
 use super::held_out::adapted;
 use super::hypothesis::Hypothesis;
-use super::library::Instance;
+use super::instance::Instance;
 use super::linear::Base;
 use super::noise::{self, Noise};
 use super::screen::{self, Scored};

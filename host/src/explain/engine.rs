@@ -2,7 +2,7 @@
 
 use super::fit::{Refit, Setting, Solution};
 use super::hypothesis::{Baseline, Hypothesis};
-use super::library::Instance;
+use super::instance::Instance;
 use super::linear::Column;
 use super::noise::{self, Noise};
 use super::response::Response;

@@ -3,7 +3,8 @@
 
 use super::engine::{Engine, Free};
 use super::hypothesis::{Baseline, Hypothesis};
-use super::library::{Instance, Role, Search};
+use super::instance::Instance;
+use super::library::{Role, Search};
 use super::noise::JointNoise;
 use super::scan;
 
@@ -24,7 +25,7 @@ pub fn adapted(engine: &Engine, hypothesis: &Hypothesis, weights: &[f64]) -> Hyp
             Search::Instant => {
                 let innovations = engine.innovations(&current);
                 let Some(fitted) = engine.refit(&current, weights, &[], Free::OfRecords, 0) else { continue };
-                scan::instants(&engine.stage(&fitted, &innovations), instance.kind, instance.joint)
+                scan::instants(&engine.stage(&fitted, &innovations), instance.kind, instance.joint, weights)
                     .into_iter()
                     .map(|found| Instance { common: instance.common.clone(), ..found })
                     .collect()

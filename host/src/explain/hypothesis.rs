@@ -1,7 +1,8 @@
 //! A model under test: base parameters with what is known about them, and effects.
 
 use super::fit::Unknown;
-use super::library::{Instance, Role};
+use super::instance::Instance;
+use super::library::Role;
 use super::simulate::{Candidate, neutral};
 use crate::identify::{Experiment, Parameter, Values};
 
@@ -67,6 +68,8 @@ impl Hypothesis {
             let step = match parameter {
                 Parameter::F(_) => 1e-3 * centre.abs().max(0.3),
                 Parameter::Viscous(_) => 1e-2 * centre.abs().max(1e-5),
+                // As large as that of the effect of the same name: a smaller one shows mostly where the model sticks.
+                Parameter::TorqueOffset(_) => 1e-2 * centre.abs().max(0.3),
                 _ => 1e-2 * centre.abs().max(1e-3),
             };
             let low = match parameter {

@@ -10,7 +10,7 @@ use shared::trajectory::{Fourier, Harmonic, Trajectory};
 use super::engine::{Engine, Free};
 use super::fit::Setting;
 use super::hypothesis::{Baseline, Hypothesis};
-use super::library::Instance;
+use super::instance::Instance;
 use super::noise::Noise;
 use super::nulls::{NullNoise, closed_loop};
 use super::rows::Rows;

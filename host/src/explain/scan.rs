@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::library::{Instance, Kind};
+use super::instance::Instance;
+use super::library::Kind;
 use super::screen::Stage;
 use crate::robot::Unit;
 
@@ -143,45 +144,50 @@ pub fn limit(stage: &Stage, kind: &Kind, joint: usize, share: f64) -> Vec<f64> {
 }
 
 /// The instants in every recording where the residual suggests a slip or a contact, for either sign.
-pub fn instants(stage: &Stage, kind: &'static Kind, joint: usize) -> Vec<Instance> {
+pub fn instants(stage: &Stage, kind: &'static Kind, joint: usize, weights: &[f64]) -> Vec<Instance> {
     match kind.name {
-        "count-loss" => slips(stage, kind, joint),
+        "count-loss" => slips(stage, kind, joint, weights),
         _ => contacts(stage, kind, joint),
     }
 }
 
-/// Samples on each side that a jump is judged by.
-const JUMP_SAMPLES: usize = 10;
+/// No slip is looked for so near to the end of a recording, in s: little of it would show.
+const SHOWN_S: f64 = 0.1;
 
-fn slips(stage: &Stage, kind: &'static Kind, joint: usize) -> Vec<Instance> {
-    let experiment = stage.setting.experiment;
-    let period_s = experiment.robot.record_period_s;
+/// Where a step of the measured position, followed by what the state correction makes of it, resembles the residual most:
+/// a matched filter under the weights. A jump alone does not tell, because a slow encoder jumps at every edge.
+fn slips(stage: &Stage, kind: &'static Kind, joint: usize, weights: &[f64]) -> Vec<Instance> {
+    let rows = stage.setting.rows;
+    let period_s = stage.setting.experiment.robot.record_period_s;
+    // For every recording, what a step from each sample on has in common with the residual.
+    let common: Vec<Vec<f64>> = rows
+        .series
+        .iter()
+        .filter(|series| series.joint == joint)
+        .map(|series| {
+            let place = series.rows.clone();
+            let weighed = rows.weighed_back(series, &stage.residual.motion[place.clone()], &weights[place]);
+            let mut from = stage.response.back_to_position(&weighed);
+            let mut sum = 0.0;
+            for x in from.iter_mut().rev() {
+                sum += *x;
+                *x = sum;
+            }
+            from.truncate(from.len().saturating_sub((SHOWN_S / period_s) as usize));
+            from.drain(..series.samples.start.min(from.len()));
+            from
+        })
+        .collect();
+    let begins = rows.series.iter().filter(|series| series.joint == joint).map(|series| series.samples.start);
+    let begins: Vec<usize> = begins.collect();
     [1.0, -1.0]
         .into_iter()
         .map(|sign| {
-            let records: Vec<Vec<f64>> = stage
-                .innovations
-                .iter()
-                .zip(&experiment.segments)
-                .map(|(columns, segment)| {
-                    let series = &columns[joint];
-                    let settled = experiment.settled(segment);
-                    let mean = |range: std::ops::Range<usize>| -> f64 {
-                        series[range.clone()].iter().sum::<f64>() / range.len() as f64
-                    };
-                    let jump = |k: usize| mean(k..k + JUMP_SAMPLES) - mean(k - JUMP_SAMPLES..k);
-                    // What grows steadily is no jump.
-                    let trend = |k: usize| {
-                        let far = 2 * JUMP_SAMPLES;
-                        0.5 * (mean(k + JUMP_SAMPLES..k + far) - mean(k..k + JUMP_SAMPLES) + mean(k - JUMP_SAMPLES..k)
-                            - mean(k - far..k - JUMP_SAMPLES))
-                    };
-                    let margin = 2 * JUMP_SAMPLES;
-                    let best = (settled.start + margin..settled.end.saturating_sub(margin))
-                        .max_by(|&a, &b| (sign * (jump(a) - trend(a))).total_cmp(&(sign * (jump(b) - trend(b)))));
-                    vec![best.unwrap_or(0) as f64 * period_s - 0.5 * period_s]
-                })
-                .collect();
+            let instant = |(common, begin): (&Vec<f64>, &usize)| {
+                let best = (0..common.len()).max_by(|&a, &b| (sign * common[a]).total_cmp(&(sign * common[b])));
+                vec![(begin + best.unwrap_or(0)) as f64 * period_s - 0.5 * period_s]
+            };
+            let records = common.iter().zip(&begins).map(instant).collect();
             Instance { kind, joint, common: vec![Some(sign), None], records }
         })
         .collect()

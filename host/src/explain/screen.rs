@@ -4,7 +4,8 @@ use rayon::prelude::*;
 
 use super::fit::Setting;
 use super::hypothesis::{Baseline, Hypothesis};
-use super::library::{Instance, Kind, LIBRARY, Role, Search};
+use super::instance::Instance;
+use super::library::{Kind, LIBRARY, Role, Search};
 use super::linear::{Base, Column, Fit};
 use super::noise::{self, Noise};
 use super::response::Response;
@@ -248,7 +249,7 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
                     }
                 }
                 Search::Instant => {
-                    for mut instance in scan::instants(stage, kind, joint) {
+                    for mut instance in scan::instants(stage, kind, joint, weights) {
                         let step = kind.parameters[0].step * 3.0;
                         instance.common[0] = Some(step);
                         add(Form::Sized(instance.clone()), vec![(instance, step)], false);

@@ -2,7 +2,7 @@
 
 use super::decide::Case;
 use super::findings::{Finding, Gap, force_gap};
-use super::library::Instance;
+use super::instance::Instance;
 use super::verdict::{CLOSED, Decision, MOST_TORQUE_NOISE, Verdict};
 
 /// Where the gap of an effect's joint fell most: the part of the recordings with the largest share for its length.
@@ -135,14 +135,20 @@ pub fn sentences(
     if let Some([before, after]) = force_gap(case, decision, known, decision.verdict != Verdict::Unknown) {
         sentences.push(format!("closed-loop force gap {before:.3} → {after:.3} N (N m) rms"));
     }
-    let torque = train.torque_noise_nm(&decision.noise);
-    for (joint, named) in robot.joints.iter().enumerate() {
-        let coulomb = train.baseline.values.coulomb_nm[joint];
-        if torque[joint] >= 0.99 * MOST_TORQUE_NOISE * coulomb && coulomb > 0.0 && decision.verdict != Verdict::Named {
+    for (named, left) in robot.joints.iter().zip(&decision.left) {
+        if left.is_too_large() {
             sentences.push(format!(
-                "joint {}: an irregular torque of more than {:.1} % of the Coulomb friction is left",
+                "joint {}: an irregular torque of {:.1} % of the Coulomb friction is left; no robot is expected to have more \
+                 than {:.1} %",
                 named.name,
+                100.0 * left.share_of_coulomb,
                 100.0 * MOST_TORQUE_NOISE
+            ));
+        }
+        if left.has_a_tone() {
+            sentences.push(format!(
+                "joint {}: a tone of {:.2} Hz is left that noise does not have: something swings or turns",
+                named.name, left.line_hz
             ));
         }
     }

@@ -2,7 +2,8 @@
 
 use super::decide::Rival;
 use super::engine::Fitted;
-use super::library::{Instance, Search, kind};
+use super::instance::Instance;
+use super::library::{Search, kind};
 use super::linear::{Base, Column};
 use super::screen::{Feature, Scored};
 

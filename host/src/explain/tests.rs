@@ -3,7 +3,8 @@
 use shared::trajectory::{Fourier, Harmonic, Trajectory};
 
 use super::hypothesis::{Baseline, Hypothesis};
-use super::library::{Instance, kind};
+use super::instance::Instance;
+use super::library::kind;
 use super::next::{next_trajectory, simulated};
 use super::nulls::NullNoise;
 use super::*;
@@ -196,4 +197,29 @@ fn thresholds_are_kept_by_experiment() {
     // Half a file is none.
     std::fs::write(&path, "1000\n").expect("written");
     assert_eq!(explained(1).threshold, first.threshold);
+}
+
+/// An encoder of which one edge in four is counted.
+#[test]
+fn an_encoder_that_leaves_counts_out_is_told_and_nothing_named() {
+    let robot = Robot::paper();
+    let model = model(&robot);
+    let baseline = baseline(&robot, &model, true);
+    let mut recordings = recordings(&robot, &baseline, Vec::new());
+    for recording in &mut recordings {
+        let rows = recording.reference_counts[1].iter().zip(&mut recording.error_counts[1]);
+        rows.for_each(|(reference, error)| *error = reference - 4.0 * ((reference - *error) / 4.0).trunc());
+    }
+    // The law acted on what the coarse encoder showed.
+    let crate::robot::Law::Proportional(law) = robot.joints[1].law else { panic!("a position loop") };
+    for recording in &mut recordings {
+        if let Some(command) = &mut recording.command_a {
+            command[1] = recording.error_counts[1].iter().map(|error| law.gain_a_per_count * error).collect();
+        }
+    }
+    let (fitted, check) = recordings.split_at(2);
+    let options = Options { seed: 1, design_next: false, kept_thresholds: None };
+    let explanation = explain(&robot, fitted, check, Some(&model), &options, &|_| ()).expect("an explanation");
+    assert_eq!((explanation.verdict, explanation.effects.len()), (Verdict::Unknown, 0));
+    assert!(explanation.sentences.iter().any(|s| s.contains("steps of 4 counts")), "{:?}", explanation.sentences);
 }

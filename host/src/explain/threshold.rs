@@ -90,10 +90,8 @@ fn null_scores(engine: &Engine, fitted: &Fitted, features: &[Feature], noise: &N
                     })
                     .sum()
             };
-            let scores = projected
-                .iter()
-                .zip(features)
-                .map(|(directions, feature)| of(directions) - feature.price * penalty);
+            let scores =
+                projected.iter().zip(features).map(|(directions, feature)| of(directions) - feature.price * penalty);
             scores.fold(f64::NEG_INFINITY, f64::max)
         })
         .collect()

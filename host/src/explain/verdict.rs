@@ -6,6 +6,7 @@ use super::held_out::adapted;
 use super::hypothesis::Hypothesis;
 use super::linear::inner;
 use super::noise::{self, Noise};
+use super::remainder::{Remainder, remainders};
 use crate::identify::Columns;
 
 /// No robot's unknown torque is larger than this share of its Coulomb friction: what is larger is an effect.
@@ -27,6 +28,8 @@ const PARTIAL_SHARE: f64 = 0.5;
 const KEPT: f64 = 0.2;
 /// A gain in χ² that chance does not bring, however large it was elsewhere.
 const PROVEN: f64 = 10.0;
+/// A score this many times the threshold is no chance, whether its effect is the right one or not.
+const STRONG: f64 = 4.0;
 /// χ² of noise alone is known only up to so many of its standard deviations: less than that is no excess.
 const CHANCE: f64 = 2.0;
 
@@ -96,6 +99,8 @@ pub struct Decision {
     pub held_out: Option<[f64; 2]>,
     /// Share of the excess χ² that the effects explain.
     pub share: f64,
+    /// What is left in each joint: by the final model where its effects count, else by the refit without any.
+    pub left: Vec<Remainder>,
 }
 
 /// What recordings kept back say.
@@ -138,7 +143,14 @@ impl Case<'_> {
 
         let complains = |gap: f64, hypothesis: &Hypothesis| gap > CLOSED * floor || priors_complain(train, hypothesis);
         let elsewhere = held_out.as_ref().is_some_and(|held_out| held_out.alone > HELD_OUT_CLOSED * floor);
-        let nothing_wrong = !elsewhere && !complains(train.gap(&rounds.null_innovations), &rounds.null.hypothesis);
+        let noise_alone = |fitted: &Fitted| {
+            remainders(train, fitted, &rounds.noise).iter().all(|left| !left.is_too_large() && !left.has_a_tone())
+        };
+        let strong = rounds.rivals.iter().any(|rival| rival.delta_bic > STRONG * rounds.scores[1]);
+        let nothing_wrong = !elsewhere
+            && !strong
+            && !complains(train.gap(&rounds.null_innovations), &rounds.null.hypothesis)
+            && noise_alone(&rounds.null);
         let gaps = held_out.as_ref().map(|held_out| held_out.gaps);
         // Without recordings kept back nothing speaks against the effects.
         let foretold = held_out.as_ref().map_or(1.0, |held_out| held_out.foretold);
@@ -167,6 +179,8 @@ impl Case<'_> {
         } else {
             Verdict::Unknown
         };
+        let effects_count = matches!(verdict, Verdict::Named | Verdict::Partial);
+        let left = remainders(train, if effects_count { &rounds.fitted } else { &rounds.null }, &rounds.noise);
         Decision {
             verdict,
             fitted: rounds.fitted,
@@ -181,6 +195,7 @@ impl Case<'_> {
             after,
             held_out: gaps,
             share,
+            left,
         }
     }
 }

@@ -1,0 +1,91 @@
+//! An effect of the library with values.
+
+use shared::effects::Effects;
+
+use super::library::{Kind, Parameter, Role};
+
+/// An effect with values: one that is in a model, or tried.
+#[derive(Clone, Debug)]
+pub struct Instance {
+    /// Which.
+    pub kind: &'static Kind,
+    /// The joint's index; 0 for the whole arm's.
+    pub joint: usize,
+    /// A value for each parameter that all recordings share, none for the others.
+    pub common: Vec<Option<f64>>,
+    /// Values of the others, a list for each recording.
+    pub records: Vec<Vec<f64>>,
+}
+
+impl Instance {
+    /// With the values of its parameters in order, those of each recording the same.
+    pub fn new(kind: &'static Kind, joint: usize, values: &[f64], records: usize) -> Self {
+        let of = |per_record: bool| {
+            kind.parameters.iter().zip(values).filter(move |(parameter, _)| parameter.per_record == per_record)
+        };
+        let common =
+            kind.parameters.iter().zip(values).map(|(parameter, value)| (!parameter.per_record).then_some(*value));
+        Self {
+            kind,
+            joint,
+            common: common.collect(),
+            records: vec![of(true).map(|(_, value)| *value).collect(); records],
+        }
+    }
+
+    /// The joint's name in reports.
+    pub fn joint_name(&self, robot: &crate::robot::Robot) -> String {
+        if self.kind.of_arm && robot.joints.len() > 1 {
+            return "both".into();
+        }
+        robot.joints[self.joint].name.clone()
+    }
+
+    /// Every value with its parameter: the common ones first, then recording by recording.
+    pub fn flat(&self) -> Vec<(&'static Parameter, f64)> {
+        let common = self.kind.parameters.iter().zip(&self.common);
+        let common = common.filter_map(|(parameter, value)| value.map(|value| (parameter, value)));
+        let own = || self.kind.parameters.iter().filter(|parameter| parameter.per_record);
+        let records = self.records.iter().flat_map(|values| own().zip(values.iter().copied()));
+        common.chain(records).collect()
+    }
+
+    /// This with other values, in the order of [`Instance::flat`].
+    pub fn with_flat(&self, values: &[f64]) -> Self {
+        let mut values = values.iter().copied();
+        let mut next = |old: f64| values.next().unwrap_or(old);
+        let mut new = self.clone();
+        new.common.iter_mut().flatten().for_each(|value| *value = next(*value));
+        new.records.iter_mut().flatten().for_each(|value| *value = next(*value));
+        new
+    }
+
+    /// Whether its size is one that counts as an effect: an encoder loses whole counts, no torque constant is known to a
+    /// thousandth, and a contact has a length.
+    pub fn can_be(&self) -> bool {
+        let least = match self.kind.name {
+            "count-loss" => 0.9,
+            "torque-constant" => 1e-3,
+            _ => 0.0,
+        };
+        let lasts = |(parameter, value): (&Parameter, &Option<f64>)| {
+            parameter.role != Role::Moment || value.is_none_or(|value| value > parameter.range[0])
+        };
+        self.common[0].is_none_or(|size| size.abs() >= least)
+            && self.kind.parameters.iter().zip(&self.common).all(lasts)
+    }
+
+    /// Puts it into the effects of one recording.
+    pub fn apply(&self, effects: &mut Effects<f64>, record: usize) {
+        let mut own = self.records.get(record).into_iter().flatten();
+        for (parameter, common) in self.kind.parameters.iter().zip(&self.common) {
+            let value = match common {
+                Some(value) => Some(value),
+                None => own.next(),
+            };
+            if let Some(&value) = value {
+                *parameter.of(effects, self.joint) = value;
+            }
+        }
+    }
+}
