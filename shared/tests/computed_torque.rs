@@ -6,6 +6,7 @@ use robot::{
     DEFAULT_GAINS, DELAY_S, PERIOD_S, Random, Robot, SAMPLES, counts_per_rad, largest, laws, plant, reference,
     single_precision,
 };
+use shared::arm::Pose;
 use shared::control::{ComputedTorque, ComputedTorqueInput, ComputedTorqueSettings, JointReference};
 use shared::plant::{Plant, State};
 
@@ -179,11 +180,11 @@ fn another_model_takes_over_without_a_jump_of_the_current() {
     }
     let there = reference(CHANGED_AT as f64 * PERIOD_S);
     let needed_nm = exact.arm.inverse_dynamics_nm(there.position_rad, there.velocity_rad_s, there.acceleration_rad_s2);
-    for joint in 0..2 {
+    for (joint, needed_nm) in needed_nm.into_iter().enumerate() {
         let step = |tick: usize| (tracking.seen[tick].1[joint] - tracking.seen[tick - 1].1[joint]).abs();
         let ordinary = (CHANGED_AT - 100..CHANGED_AT).map(step).fold(0.0, f64::max);
         let drive = &exact.drives[joint];
-        let jump = (0.3 * needed_nm[joint] / (drive.gear_ratio * drive.torque_constant_nm_per_a)).abs();
+        let jump = (0.3 * needed_nm / (drive.gear_ratio * drive.torque_constant_nm_per_a)).abs();
         println!("joint {}: {:.4} A, ordinary {ordinary:.4} A, it could be {jump:.4} A", joint + 2, step(CHANGED_AT));
         assert!(step(CHANGED_AT) <= 1.5 * ordinary && jump > 10.0 * ordinary, "joint {joint}");
         let error = |tick: usize| tracking.errors[tick][joint].abs();
@@ -192,6 +193,32 @@ fn another_model_takes_over_without_a_jump_of_the_current() {
         assert!((CHANGED_AT..2300).map(error).all(|now| now <= 1.05 * before), "joint {joint}: {before}");
         assert!((CHANGED_AT + 215..3000).map(error).all(|now| now < 0.4 * before), "joint {joint}: {before}");
     }
+}
+
+/// The error budget of the controller's trigonometry: what single precision and its own sines cost the feedforward, over
+/// and beyond the working range.
+#[test]
+fn sines_in_single_precision_cost_a_hundredth_of_a_milliampere() {
+    let (exact, single) = (plant(), single_precision(&plant()));
+    let (mut worst_sine, mut worst_nm) = (0.0_f64, 0.0_f64);
+    for step in -4000..=4000 {
+        // Angles that are the same in both precisions, so that only the sines differ.
+        let angle = (f64::from(step) * 5e-4) as f32;
+        let (pose, wide) = (Pose::at([angle, -angle]), Pose::at([angle, -angle].map(f64::from)));
+        let sines =
+            [(pose.s2, wide.s2), (pose.c2, wide.c2), (pose.s3, wide.s3), (pose.c3, wide.c3), (pose.s23, wide.s23)];
+        for (narrow, wide) in sines {
+            worst_sine = worst_sine.max((f64::from(narrow) - wide).abs());
+        }
+        let (narrow, wide) = (single.arm.gravity_torque_nm(&pose), exact.arm.gravity_torque_nm(&wide));
+        for joint in 0..2 {
+            worst_nm = worst_nm.max((f64::from(narrow[joint]) - wide[joint]).abs());
+        }
+    }
+    println!("sines {worst_sine:.1e}, gravity {worst_nm:.1e} N m");
+    assert!(worst_sine < 1e-6, "{worst_sine}");
+    // Four terms of 70 N m in all, each to 1e-6 and rounded: 0.01 mA at 27 N m an ampere.
+    assert!(worst_nm < 270e-6, "{worst_nm}");
 }
 
 /// A controller in single precision, as on the board, fed with what one in double precision saw.

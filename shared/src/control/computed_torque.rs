@@ -23,9 +23,10 @@ use crate::drive::{Drive, centre_of_count};
 use crate::effects::{DriveFeedforward, Instant, JointEffects};
 use crate::scalar::Number;
 
-/// Time in which what a change of law or model would have made a jump falls to 1/e, s: ten times as slow as the
-/// tracking error, so that the error follows it and does not overshoot.
-pub const FADE_S: f64 = 0.05;
+/// Time in which what a change of law or model would have made a jump falls to 1/e, s: as fast as the tracking error
+/// itself, 1/ω. Slower, some of it would be left as an error when a short approach comes to its end, and friction would
+/// keep the arm there.
+pub const FADE_S: f64 = 0.005;
 
 /// Bandwidths of the controller.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,10 +44,10 @@ pub struct ComputedTorqueSettings<S> {
 impl<S: Number> ComputedTorqueSettings<S> {
     /// ω = 200 rad/s, ζ = 1, observer 800 rad/s, friction switching within 0.5 rad/s at the motor.
     ///
-    /// Of the combinations whose commands the rounding of the encoders moves by less than 5 % of the amplifiers' 12 A
-    /// it tracks best with a model that is 5 % off, and none with as large an ω has more margin at 0.7 ms: gain 5.5,
-    /// phase 48° on the reference robot (150 and 400 rad/s have 5.4 and 47°, and err by 1.8 times as much). `armid bench
-    /// track` prints the comparison, `armid info --margins` the margins.
+    /// Of the bandwidths that leave at least the margins of 150 and 400 rad/s at 0.7 ms, on a rigid arm and on one with a
+    /// flexible shaft, and let the rounding of the encoders move the command by less than 5 % of the amplifiers' 12 A,
+    /// these track best with a model that is 5 % off: by half the error of 150 and 400 rad/s. `armid bench track` prints the
+    /// comparison, `armid info --margins` an arm's margins.
     pub fn at_record_period() -> Self {
         Self {
             bandwidth_rad_s: S::from_f64(200.0),
@@ -106,8 +107,9 @@ pub struct ComputedTorque<S> {
     /// Current added to what the model asks for, A, and the share of it that a tick leaves.
     fading_a: [S; 2],
     fading_kept: S,
-    /// Whether the next tick is to go on from the last one's current.
+    /// Whether the next tick is to go on from the last one's current, and from how far at most, A.
     follows: bool,
+    follows_within_a: [S; 2],
 }
 
 impl<S: Number> ComputedTorque<S> {
@@ -160,14 +162,17 @@ impl<S: Number> ComputedTorque<S> {
             fading_a: [S::zero(); 2],
             fading_kept: S::one() / (S::one() + period_s * S::from_f64(1.0 / FADE_S)),
             follows: false,
+            follows_within_a: [S::zero(); 2],
         }
     }
 
-    /// Makes the next tick go on from `command_a`, which another law asked of the resting arm, A.
+    /// Makes the next tick go on from `command_a`, which another law asked of the resting arm, A: as far as Coulomb
+    /// friction explains that it rests. An arm that has just been let go of by its brakes gets its weight's torque at once.
     pub fn follow(&mut self, command_a: [S; 2]) {
         self.last_a = command_a;
         self.last_wanted_rad_s2 = [S::zero(); 2];
         self.follows = true;
+        self.follows_within_a = self.drives.map(|drive| drive.coulomb_friction_nm / drive.torque_constant_nm_per_a);
     }
 
     /// Goes on with the model and settings of `next`: estimates stay, and the next tick asks for what the last one did
@@ -179,11 +184,13 @@ impl<S: Number> ComputedTorque<S> {
             last_a: self.last_a,
             last_wanted_rad_s2: self.last_wanted_rad_s2,
             follows: true,
+            follows_within_a: [S::from_f64(f64::INFINITY); 2],
             ..*next
         };
     }
 
-    /// One tick: constant time, no branch on data. The first after a change of law or model takes four operations more.
+    /// One tick: constant time, no branch on data. The first after a change of law or model takes a few operations
+    /// more.
     pub fn tick(&mut self, input: &ComputedTorqueInput<S>) -> ComputedTorqueOutput<S> {
         let settings = &self.settings;
         let ahead = &input.reference_ahead;
@@ -223,7 +230,8 @@ impl<S: Number> ComputedTorque<S> {
             let (current_a, torque_per_a) =
                 self.feedforward[joint].current_a(&instant, inertial[joint] + unaccelerated);
             if self.follows {
-                self.fading_a[joint] = self.last_a[joint] + added[joint] / torque_per_a - current_a;
+                let jump_a = self.last_a[joint] + added[joint] / torque_per_a - current_a;
+                self.fading_a[joint] = jump_a.clamp_abs(self.follows_within_a[joint]);
             }
             unlimited[joint] = current_a + self.fading_a[joint];
             self.fading_a[joint] = self.fading_a[joint] * self.fading_kept;

@@ -339,7 +339,7 @@ fn a_limited_current_is_reported_by_name() {
 fn ripple_and_cogging_are_compensated_until_a_pose_is_declared_anew() {
     let mut rig = Rig::loaded(configuration());
     // The arm has no cogging, so that its compensation disturbs, by as much as cogging does.
-    let cogging = JointCompensation { cogging_nm: 0.1, cogging_order: 4.0, ..JointCompensation::NONE };
+    let cogging = JointCompensation { cogging_nm: 0.15, cogging_order: 4.0, ..JointCompensation::NONE };
     let model = Model { compensation: [cogging, JointCompensation::NONE], ..exact_model() };
     let rms_counts = |rig: &mut Rig| {
         rig.ok(Request::Arm);

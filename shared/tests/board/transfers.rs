@@ -1,6 +1,6 @@
 //! From one law or model to another while the amplifiers are on: neither current nor arm may jump.
 
-use crate::rig::{Rig, configuration, exact_model};
+use crate::rig::{Rig, configuration, exact_model, paper_counts};
 use shared::arm::{Load, PUMA_UPPER_ARM_M};
 use shared::board::MID_SCALE;
 use shared::protocol::*;
@@ -37,10 +37,10 @@ fn watch(rig: &mut Rig, mut before_a: [f64; 2], ticks: u32) -> ([f64; 2], [i32; 
 }
 
 /// The arm stands under the position loop, held by its error and by the friction at rest. Computed torque knows neither
-/// that error nor the friction: its own current would be another.
+/// that error nor on which side the friction pushes: its own current would be another.
 #[test]
 fn computed_torque_takes_over_without_a_jerk() {
-    for model in [exact_model(), unladen_model()] {
+    for (model, allowed_a) in [(exact_model(), 0.3), (unladen_model(), 0.5)] {
         let mut rig = Rig::armed(configuration());
         rig.upload(model);
         rig.movement(ControlLaw::Position);
@@ -51,9 +51,39 @@ fn computed_torque_takes_over_without_a_jerk() {
         let (steps_a, _, _) = watch(&mut rig, before_a, 1);
         println!("first step {steps_a:.3?} A from {before_a:.3?} A");
         // The approach begins at once: over the 48 counts to go it asks for 1.2 rad/s² after half a period, 0.24 A of
-        // joint 2. What the unladen model does not know of the weight is 0.7 A.
-        assert!(steps_a[0] < 0.3 && steps_a[1] < 0.1, "{steps_a:?}");
+        // joint 2. What the unladen model does not know of the weight is 0.7 A, of which 0.5 A may be friction.
+        assert!(steps_a.iter().all(|&step_a| step_a < allowed_a), "{steps_a:?}");
+        watch(&mut rig, before_a, 400);
         assert!(rig.status().limits_active.is_empty());
+    }
+}
+
+/// Straight after arming the position loop has not taken up the weight yet. Computed torque does so at once: if it began
+/// from no current, the arm would sag, and friction would keep it there.
+#[test]
+fn an_arm_just_let_go_of_does_not_sag_under_computed_torque() {
+    let mut rig = Rig::armed(configuration());
+    rig.upload(exact_model());
+    rig.ok(Request::Run { law: ControlLaw::ComputedTorque, stream: false, settle_ns: 0 });
+    let (_, errors, _) = watch(&mut rig, [0.0; 2], 60);
+    println!("{errors:?} counts");
+    assert!(errors.iter().all(|&error| error <= 1), "{errors:?}");
+}
+
+/// The position loop leaves the arm up to a hundred counts beside the start of the next movement, and pushing against friction.
+/// None of that is left when computed torque begins to move.
+#[test]
+fn a_movement_after_the_position_loop_s_begins_within_the_count() {
+    let mut rig = Rig::armed(configuration());
+    rig.upload(exact_model());
+    for _ in 0..3 {
+        rig.movement(ControlLaw::Position);
+        rig.movement(ControlLaw::ComputedTorque);
+        let exact = paper_counts(&rig.configuration, 0);
+        let start = [0, 1].map(|joint: usize| (exact[joint] - rig.true_positions[0][joint]).abs());
+        let largest = rig.recording().iter().flat_map(|row| row.error_counts).map(i16::abs).max();
+        println!("{start:.2?} counts at the start, {largest:?} at most");
+        assert!(start.iter().all(|&error| error < 0.9) && largest <= Some(1), "{start:?} {largest:?}");
     }
 }
 
@@ -79,25 +109,26 @@ fn a_model_committed_in_a_movement_takes_over_without_a_jerk() {
     }
 }
 
-/// Loaded and unloaded model in turn, every 50 ms: nothing adds up.
+/// Models in turn, every 50 ms, one of them without the tool: nothing adds up.
 #[test]
 fn models_may_change_as_often_as_they_like() {
-    let mut rig = Rig::armed(configuration());
-    rig.upload(exact_model());
-    rig.run(ControlLaw::ComputedTorque);
-    rig.until(|mode| matches!(mode, Mode::Running(_)));
-    let mut last_a = [f64::NAN; 2];
-    let mut worst = [0; 2];
-    for change in 0..40 {
-        rig.upload(if change % 2 == 0 { unladen_model() } else { exact_model() });
-        let (_, errors, now_a) = watch(&mut rig, last_a, 71);
-        worst = [0, 1].map(|joint| worst[joint].max(errors[joint]));
-        last_a = now_a;
-    }
-    // With the unladen model alone it is 3 and 4 counts.
-    println!("largest errors {worst:?} counts");
-    assert!(worst.iter().all(|&error| error <= 6), "{worst:?}");
-    assert!(matches!(rig.board.mode(), Mode::Running(_)));
+    let largest_errors = |other: Model| {
+        let mut rig = Rig::armed(configuration());
+        rig.upload(unladen_model());
+        rig.run(ControlLaw::ComputedTorque);
+        rig.until(|mode| matches!(mode, Mode::Running(_)));
+        let mut largest = [0; 2];
+        for change in 0..40 {
+            rig.upload(if change % 2 == 0 { unladen_model() } else { other });
+            let (_, errors, _) = watch(&mut rig, [0.0; 2], 71);
+            largest = [0, 1].map(|joint| largest[joint].max(errors[joint]));
+        }
+        assert!(matches!(rig.board.mode(), Mode::Running(_)));
+        largest
+    };
+    let (alone, in_turn) = (largest_errors(unladen_model()), largest_errors(exact_model()));
+    println!("largest errors {alone:?} counts without the tool, {in_turn:?} in turn");
+    assert!((0..2).all(|joint| in_turn[joint] <= alone[joint]), "{alone:?} {in_turn:?}");
 }
 
 /// A weak amplifier under computed torque: what it limits is named, joint by joint, and the command is what it gives.
