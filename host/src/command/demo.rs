@@ -122,7 +122,7 @@ impl Demo {
         let summary = summary(&p, &ctc);
         let compared = track::pair(p, ctc);
         if self.common.json {
-            let mut object = track::to_json(&compared);
+            let mut object = track::to_json(&robot, &compared);
             object["seed"] = json!(self.common.seed);
             object["true_f"] = json!(truth.f);
             object["f"] = json!(model.f);
