@@ -73,7 +73,12 @@ pub fn configuration(robot: &Robot) -> Result<Configuration, SetupError> {
             link_timeout_ns: LINK_TIMEOUT_NS,
             current_limit_time_ns: CURRENT_LIMIT_TIME_NS,
             stop_time_ns: STOP_TIME_NS,
-            computed_torque: ComputedTorqueConstants::default(),
+            computed_torque: ComputedTorqueConstants {
+                bandwidth_rad_s: robot.computed_torque.bandwidth_rad_s,
+                damping_ratio: robot.computed_torque.damping_ratio,
+                observer_bandwidth_rad_s: robot.computed_torque.observer_bandwidth_rad_s,
+                friction_switch_motor_rad_s: robot.computed_torque.friction_switch_motor_rad_s,
+            },
         },
         motion_limits: MotionLimits {
             position_low_rad: pair(|joint| joint.limits.position_low_rad),

@@ -105,3 +105,32 @@ pub fn tracking_quality(recording: &Recording) -> Vec<TrackingQuality> {
         })
         .collect()
 }
+
+/// What moving one joint took.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effort {
+    /// Root mean square of the motor's torque commanded, N m.
+    pub torque_rms_nm: f64,
+    /// How long the command was at the amplifier's limit, s.
+    pub time_in_limits_s: f64,
+}
+
+/// What every joint took over a whole recording; nothing where it does not have the commands.
+pub fn efforts(recording: &Recording, robot: &Robot) -> Vec<Effort> {
+    let commands = recording.command_a.iter().flatten();
+    commands
+        .zip(&robot.joints)
+        .map(|(command_a, joint)| {
+            let n = command_a.len().max(1) as f64;
+            let square = command_a.iter().map(|command| command * command).sum::<f64>() / n;
+            // A limited command is recorded as the code nearest to it.
+            let code_a = CurrentScale::symmetric(joint.current_full_scale_a).dac_a_per_code;
+            let limit_a = joint.current_limit_a.min(joint.current_full_scale_a - code_a);
+            let limited = command_a.iter().filter(|command| command.abs() > limit_a - 0.75 * code_a).count();
+            Effort {
+                torque_rms_nm: joint.torque_constant_nm_per_a * square.sqrt(),
+                time_in_limits_s: limited as f64 * robot.record_period_s,
+            }
+        })
+        .collect()
+}

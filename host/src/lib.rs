@@ -8,7 +8,9 @@
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot, hidden_effect                what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! margins                                    how far computed torque is from instability on a model's arm
 //! searchers                                  ways to search a box, beside the genetic algorithm
+//! tracking                                   computed torque around a simulated arm, seen exactly
 //! excite                                     the movement that determines the parameters best
 //! explain_benchmark                          verdicts on recordings with hidden effects against the truth
 //! ```
@@ -36,13 +38,15 @@ pub mod identify;
 pub mod lanes;
 pub mod link;
 pub mod links;
+pub mod margins;
 pub mod model;
 pub mod prior;
-mod random;
+pub mod random;
 pub mod recording;
 pub mod robot;
 pub mod searchers;
 mod toml_text;
+pub mod tracking;
 pub mod trajectory_file;
 
 /// Writes a file all at once: a reader sees the old file or the new one, never half of either.

@@ -1,11 +1,12 @@
 //! The robot file: what is known about a robot before it is identified.
 
+mod computed_torque;
 mod file;
 
 use std::path::Path;
 
 use shared::arm::{PUMA_UPPER_ARM_M, SEARCH_HIGH, SEARCH_LOW};
-use shared::control::{GainError, PositionLoop, SampledLoop};
+use shared::control::{ComputedTorqueSettings, GainError, PositionLoop, SampledLoop};
 use shared::drive::Drive;
 use shared::trajectory::MotionLimits;
 
@@ -40,6 +41,8 @@ pub struct Robot {
     pub current_is_command: bool,
     /// The joints, in the order of the recording's columns.
     pub joints: Vec<Joint>,
+    /// Bandwidths of computed torque.
+    pub computed_torque: ComputedTorqueSettings<f64>,
     /// Search range of f1..f9: `[low, high]`.
     pub search: [[f64; 2]; 9],
 }
@@ -243,6 +246,7 @@ impl Robot {
             quantised: true,
             current_is_command: false,
             joints: vec![joint(0, "2", 107.8, 800.0, 0.817e-3, 0.124), joint(1, "3", -53.7, 1000.0, 1.38e-3, 0.146)],
+            computed_torque: ComputedTorqueSettings::at_record_period(),
             search: default_search(),
         }
     }
@@ -337,6 +341,7 @@ impl Robot {
         for (index, joint) in self.joints.iter().enumerate() {
             joint.check(|field, value, good, limit, remedy| check(Some(index), field, value, good, limit, remedy))?;
         }
+        computed_torque::check(&self.computed_torque)?;
         for [low, high] in self.search {
             let good = low.is_finite() && low < high;
             all("search", high, good, "a range [low, high] with low below high", "correct the range")?;

@@ -19,7 +19,12 @@ fn rms_counts(arm: [JointEffects<f64>; 2], known: [JointEffects<f64>; 2]) -> [f6
     let effects = Effects { joints: arm, ..Effects::OFF };
     let machine = ExtendedMachine::new(&ExtendedPlant { plant: plant(), effects });
     let start = reference(0.0).position_rad;
-    let settings = ComputedTorqueSettings::at_record_period();
+    // A softer loop than the board's, in which small effects show.
+    let settings = ComputedTorqueSettings {
+        bandwidth_rad_s: 150.0,
+        observer_bandwidth_rad_s: 400.0,
+        ..ComputedTorqueSettings::at_record_period()
+    };
     let (arm, drives) = (plant().arm, plant().drives);
     let mut controller = ComputedTorque::with_effects(arm, drives, [&known[0], &known[1]], settings, PERIOD_S, start);
     let mut motion = machine.start(State::at_rest(start), 0.0);

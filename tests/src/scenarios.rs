@@ -118,6 +118,7 @@ macro_rules! test_every_scenario {
             a_movement_is_recorded_whole
             two_runs_are_the_same_to_the_bit
             computed_torque_with_the_true_model_stays_within_one_count
+            a_model_committed_in_a_movement_takes_over_smoothly
             effects_that_the_model_knows_are_compensated
             the_emergency_stop_switches_off_in_the_next_tick
             a_cut_line_loses_no_row_and_leaves_control_alone

@@ -5,6 +5,7 @@ mod explain;
 mod ga;
 mod identify;
 mod paper;
+mod track;
 
 use clap::{Args, Subcommand};
 
@@ -29,6 +30,8 @@ enum What {
     Ga(ga::Ga),
     /// How near f comes to the truth on robots never seen, and whether its standard errors hold.
     Certainty(certainty::Certainty),
+    /// Tracking with identified models on arms never seen, what limits it, and the bandwidths beside others.
+    Track(track::TrackStudy),
 }
 
 impl Bench {
@@ -39,6 +42,7 @@ impl Bench {
             What::Identify(identify) => identify.run(),
             What::Ga(ga) => ga.run(),
             What::Certainty(certainty) => certainty.run(),
+            What::Track(study) => study.run(),
         }
     }
 }

@@ -9,6 +9,7 @@ use armid::client::{Client, Pose};
 use armid::compensation;
 use armid::hidden_robot::HiddenRobot;
 use armid::link::{self, Address, SimulatedBoard};
+use armid::margins::ArmLoop;
 use armid::model::{Effect, Model};
 use armid::recording::{Manifest, ReadOptions, Recording};
 use armid::robot::Robot;
@@ -299,9 +300,17 @@ pub fn read_model(path: &Path, robot: &Robot) -> Result<Model, CommandError> {
     Ok(model)
 }
 
+/// A model in the terms of a board that is about to run computed torque with it: refused where that would be too near to
+/// instability. Tells what [`for_simulation`] tells.
+pub fn for_board(robot: &Robot, model: &Model) -> Result<shared::protocol::Model, CommandError> {
+    let board_model = for_simulation(robot, model)?;
+    ArmLoop::of_model(robot, model)?.check(robot)?;
+    Ok(board_model)
+}
+
 /// A model in the board's terms; tells on stderr which of its effects computed torque does not compensate, and what the
 /// compensation of others rests on.
-pub fn for_board(robot: &Robot, model: &Model) -> Result<shared::protocol::Model, CommandError> {
+pub fn for_simulation(robot: &Robot, model: &Model) -> Result<shared::protocol::Model, CommandError> {
     for effect in &model.effects {
         let Effect { name, joint, .. } = effect;
         if let Some(reason) = compensation::why_not(name) {

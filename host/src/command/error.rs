@@ -8,6 +8,7 @@ use armid::excite::ExciteError;
 use armid::file_error::FileError;
 use armid::identify::IdentifyError;
 use armid::link::LinkError;
+use armid::margins::MarginError;
 use shared::trajectory::LimitError;
 
 /// Why a command ended without its result.
@@ -25,6 +26,9 @@ pub enum CommandError {
     /// The movement breaks a limit.
     #[error("the movement was not started: {0}")]
     Limit(LimitError),
+    /// Computed torque that would be too near to instability.
+    #[error("{0}; nothing was moved")]
+    Margin(#[from] MarginError),
     /// The board.
     #[error(transparent)]
     Session(#[from] SessionError),
@@ -93,7 +97,7 @@ impl CommandError {
             Self::Explain(
                 armid::explain::ExplainError::Audit(_) | armid::explain::ExplainError::UnknownEffect { .. },
             ) => BAD_FILE,
-            Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) => UNSAFE,
+            Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) | Self::Margin(_) => UNSAFE,
             Self::Excite(ExciteError::Setting { .. }) => USAGE,
             Self::Excite(_) => UNSAFE,
             Self::Setup(_) => BAD_FILE,

@@ -1,5 +1,9 @@
 //! `armid info`.
 
+mod margins;
+
+use std::path::PathBuf;
+
 use clap::Args;
 use serde_json::json;
 use shared::protocol::{Fault, Link, Mode, StoreState};
@@ -7,13 +11,26 @@ use shared::protocol::{Fault, Link, Mode, StoreState};
 use super::CommandError;
 use super::common::{BoardArguments, RobotArguments, print, print_json};
 
+const EXAMPLES: &str = "Examples:
+  armid info                                        the board found on USB
+  armid info --margins --model model.toml           how far computed torque is from instability; needs no board
+  armid info --margins --board sim                  the same for the board's active model";
+
 /// Arguments of `info`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Info {
     #[command(flatten)]
     robot: RobotArguments,
     #[command(flatten)]
     board: BoardArguments,
+    /// Show how far computed torque is from instability instead: on the arm of --model, joint flexibility and lags that
+    /// the model has included, or on that of the board's active model
+    #[arg(long)]
+    margins: bool,
+    /// Model for --margins; no board is asked
+    #[arg(long, value_name = "FILE", requires = "margins")]
+    model: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -21,6 +38,9 @@ pub struct Info {
 
 impl Info {
     pub fn run(&self) -> Result<(), CommandError> {
+        if self.margins {
+            return self.show_margins();
+        }
         let robot = self.robot.read()?;
         let mut client = self.board.connect(&robot)?;
         if self.board.clear_fault {

@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::CommandError;
 use super::common::{
-    Existing, RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, for_board, print,
+    Existing, RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, for_simulation, print,
     print_json, read_model, with_effects,
 };
 use super::record::Controller;
@@ -78,7 +78,7 @@ impl Simulate {
                 Some(path) => read_model(path, &robot)?,
                 None => truth_model.clone(),
             };
-            client.upload(&for_board(&robot, &model)?)?;
+            client.upload(&for_simulation(&robot, &model)?)?;
         }
         let run = Run {
             robot: &robot,

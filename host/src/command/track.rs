@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use armid::capture::{TrackingQuality, tracking_quality};
+use armid::capture::{Effort, TrackingQuality, efforts, tracking_quality};
 use armid::client::Client;
 use armid::compensation::without_effects;
+use armid::margins::ArmLoop;
 use armid::model::Model;
 use armid::recording::{Mode, Recording};
 use armid::robot::Robot;
@@ -16,16 +17,24 @@ use super::common::{
     BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, for_board, print,
     print_json, read_model,
 };
+use super::own_model;
 use super::run::Run;
 
-const NOTES: &str = "\"Within ±1 count\" (within_one_count in JSON) is the percentage of samples whose \
+const NOTES: &str = "Without --model the board's active model is used; where it has none, two movements are recorded \
+    under the position loop (T = 3.65 and 5 s), the arm is identified from them, and the model found is uploaded and used.
+
+Refused (exit code 5) where computed torque would be too near to instability: see info --margins.
+
+\"Within ±1 count\" (within_one_count in JSON) is the percentage of samples whose \
     recorded error is −1, 0 or 1. The recorded error is the reference less the actual count, both truncated toward zero: \
-    an integer.
+    an integer. torque_rms_nm is the motors' torque as commanded, time_in_limits_s how long the command was at the \
+    amplifier's limit.
 
 A --model with effects that computed torque compensates is run twice under it: without them (ctc_without_effects in JSON) \
     and with them (ctc); the board keeps the whole model.
 
-Example, on a simulated board whose arm has an effect:
+Examples, the last on a simulated board whose arm has an effect:
+  armid track --board sim --seed 7
   armid track --board sim --effect cogging:joint=3,amplitude_nm=0.03,order=3 --model extended.toml";
 
 /// Arguments of `track`.
@@ -38,7 +47,7 @@ pub struct Track {
     board: BoardArguments,
     #[command(flatten)]
     trajectory: TrajectoryArguments,
-    /// Model to upload first; without it, the board's active model is used
+    /// Model to upload first; without it, the board's active model is used, or one is identified on the spot
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Folder to write the recordings into: p.csv, ctc.csv and, with effects, ctc-without-effects.csv
@@ -67,6 +76,10 @@ impl Track {
                 check_recording_outputs(&path(name), existing, inputs.into_iter().flatten())?;
             }
         }
+        if let Some(model) = &model {
+            // Before anything moves.
+            ArmLoop::of_model(&robot, model)?.check(&robot)?;
+        }
         movement.advise_margins();
         let mut client = self.board.connect_ready(&robot)?;
         let run = |client: &mut Client, mode: Mode, name: &str| {
@@ -91,7 +104,7 @@ impl Track {
         let recording = run(&mut client, Mode::Ctc, "ctc")?;
         let label = if plain.is_some() { WITH_EFFECTS } else { COMPUTED_TORQUE };
         compared.push(Compared { label, field: "ctc", recording });
-        if self.json { print_json(&to_json(&compared)) } else { print(table(&robot, &compared)) }
+        if self.json { print_json(&to_json(&robot, &compared)) } else { print(table(&robot, &compared)) }
     }
 
     /// Makes `model` the active one; without one, makes sure that the board has one.
@@ -99,19 +112,17 @@ impl Track {
         if let Some(model) = model {
             return upload(client, robot, model);
         }
-        match client.active_model()? {
-            None => {
-                return Err(CommandError::Failed(
-                    "the board has no model for computed torque; upload one, or pass --model FILE".into(),
-                ));
-            }
-            Some(active) if self.board.pose.is_some() && active.compensation.iter().any(|joint| joint.has_phases()) => {
-                advise(
-                    "the board's model has ripple or cogging, which it does not compensate after a pose was declared anew; \
-                     pass --model FILE to vouch for their phases",
-                );
-            }
-            Some(_) => {}
+        let Some(active) = client.active_model()? else {
+            let seed = self.board.simulated_seed().unwrap_or(self.board.seed);
+            let model = own_model::identified(client, robot, seed)?;
+            return upload(client, robot, &model);
+        };
+        ArmLoop::of_board(robot, &active).check(robot)?;
+        if self.board.pose.is_some() && active.compensation.iter().any(|joint| joint.has_phases()) {
+            advise(
+                "the board's model has ripple or cogging, which it does not compensate after a pose was declared anew; pass \
+                 --model FILE to vouch for their phases",
+            );
         }
         Ok(())
     }
@@ -146,14 +157,18 @@ pub fn pair(p: Recording, ctc: Recording) -> [Compared; 2] {
 }
 
 /// The comparison as JSON.
-pub fn to_json(compared: &[Compared]) -> Value {
+pub fn to_json(robot: &Robot, compared: &[Compared]) -> Value {
     let of = |recording: &Recording| {
         let quality = tracking_quality(recording);
         let list = |value: fn(&TrackingQuality) -> f64| quality.iter().map(value).collect::<Vec<f64>>();
+        let efforts = efforts(recording, robot);
+        let taken = |value: fn(&Effort) -> f64| efforts.iter().map(value).collect::<Vec<f64>>();
         json!({
             "max_abs_error_counts": list(|joint| joint.max_abs_error_counts),
             "rms_error_counts": list(|joint| joint.rms_error_counts),
             "within_one_count": list(|joint| joint.within_one_count_percent),
+            "torque_rms_nm": taken(|joint| joint.torque_rms_nm),
+            "time_in_limits_s": taken(|joint| joint.time_in_limits_s),
             "samples": recording.samples(),
         })
     };
@@ -168,22 +183,30 @@ pub fn to_json(compared: &[Compared]) -> Value {
 pub fn table(robot: &Robot, compared: &[Compared]) -> String {
     let width = compared.iter().map(|one| one.label.len()).fold(16, usize::max);
     let mut lines = vec![format!(
-        "{:>5}  {:>width$}  {:>24}  {:>24}",
-        "joint", "controller", "max / rms error, counts", "samples within ±1 count"
+        "{:>5}  {:>width$}  {:>24}  {:>24}  {:>17}  {:>12}",
+        "joint", "controller", "max / rms error, counts", "samples within ±1 count", "torque rms, N m", "in limits, s"
     )];
-    let qualities: Vec<Vec<TrackingQuality>> = compared.iter().map(|one| tracking_quality(&one.recording)).collect();
     for (index, joint) in robot.joints.iter().enumerate().take(2) {
-        for (one, quality) in compared.iter().zip(&qualities) {
-            let quality = &quality[index];
+        for one in compared {
+            let quality = &tracking_quality(&one.recording)[index];
+            let effort = efforts(&one.recording, robot).get(index).copied();
+            let taken = |value: fn(&Effort) -> f64, digits: usize| {
+                effort.as_ref().map_or_else(|| "–".into(), |effort| format!("{:.digits$}", value(effort)))
+            };
             lines.push(format!(
-                "{:>5}  {:>width$}  {:>24}  {:>22.2} %",
+                "{:>5}  {:>width$}  {:>24}  {:>22.2} %  {:>17}  {:>12}",
                 joint.name,
                 one.label,
                 format!("{:.0} / {:.2}", quality.max_abs_error_counts, quality.rms_error_counts),
-                quality.within_one_count_percent
+                quality.within_one_count_percent,
+                taken(|effort| effort.torque_rms_nm, 4),
+                taken(|effort| effort.time_in_limits_s, 3),
             ));
         }
     }
-    lines.push("errors as recorded: reference less actual count, both truncated toward zero".into());
+    lines.push(
+        "errors as recorded: reference less actual count, both truncated toward zero; torque at the motor, as commanded"
+            .into(),
+    );
     lines.join("\n")
 }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::Deserialize;
-use shared::control::PositionLoop;
+use shared::control::{ComputedTorqueSettings, PositionLoop};
 use toml::Spanned;
 
 use super::{DEFAULT_FULL_SCALE_A, Joint, JointLimits, Kind, Law, Robot, Unit, default_search};
@@ -33,6 +33,8 @@ struct RawRobot {
     #[serde(default)]
     current_is_command: bool,
     joint: Vec<RawJoint>,
+    #[serde(default)]
+    computed_torque: RawComputedTorque,
     #[serde(default)]
     search: BTreeMap<Spanned<String>, Spanned<[f64; 2]>>,
 }
@@ -90,6 +92,15 @@ struct RawJoint {
     position_high_rad: Number,
     speed_limit_rad_s: Number,
     acceleration_limit_rad_s2: Number,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawComputedTorque {
+    bandwidth_rad_s: Number,
+    damping_ratio: Number,
+    observer_bandwidth_rad_s: Number,
+    friction_switch_motor_rad_s: Number,
 }
 
 /// Where each value stands in the text, by joint and by the name [`Robot::check`] uses.
@@ -227,6 +238,25 @@ impl Reader<'_> {
         })
     }
 
+    fn computed_torque(&mut self, raw: &RawComputedTorque) -> ComputedTorqueSettings<f64> {
+        let default = ComputedTorqueSettings::at_record_period();
+        let mut value = |field, raw: &Number, default: f64| self.optional(None, field, raw).unwrap_or(default);
+        ComputedTorqueSettings {
+            bandwidth_rad_s: value("bandwidth_rad_s", &raw.bandwidth_rad_s, default.bandwidth_rad_s),
+            damping_ratio: value("damping_ratio", &raw.damping_ratio, default.damping_ratio),
+            observer_bandwidth_rad_s: value(
+                "observer_bandwidth_rad_s",
+                &raw.observer_bandwidth_rad_s,
+                default.observer_bandwidth_rad_s,
+            ),
+            friction_switch_motor_rad_s: value(
+                "friction_switch_motor_rad_s",
+                &raw.friction_switch_motor_rad_s,
+                default.friction_switch_motor_rad_s,
+            ),
+        }
+    }
+
     fn search(&mut self, raw: &BTreeMap<Spanned<String>, Spanned<[f64; 2]>>) -> Result<[[f64; 2]; 9], FileError> {
         let mut search = default_search();
         for (key, range) in raw {
@@ -272,6 +302,7 @@ fn parse(text: &TomlText<'_>) -> Result<(Robot, Places), FileError> {
     let joints =
         raw.joint.iter().enumerate().map(|(index, raw)| reader.joint(index, raw, unit)).collect::<Result<_, _>>()?;
     let search = reader.search(&raw.search)?;
+    let computed_torque = reader.computed_torque(&raw.computed_torque);
     let record_period_s = *raw.record_period_s.get_ref();
     reader.places.0.insert((None, "record_period_s"), raw.record_period_s.span().start);
     let robot = Robot {
@@ -286,6 +317,7 @@ fn parse(text: &TomlText<'_>) -> Result<(Robot, Places), FileError> {
         quantised: raw.quantised,
         current_is_command: raw.current_is_command,
         joints,
+        computed_torque,
         search,
     };
     robot.check().map_err(|error| {
@@ -402,6 +434,11 @@ pub(super) fn to_toml(robot: &Robot) -> String {
         line("speed_limit_rad_s", number(joint.limits.speed_rad_s));
         line("acceleration_limit_rad_s2", number(joint.limits.acceleration_rad_s2));
     }
+    let torque = &robot.computed_torque;
+    line("\n[computed_torque]\nbandwidth_rad_s", number(torque.bandwidth_rad_s));
+    line("damping_ratio", number(torque.damping_ratio));
+    line("observer_bandwidth_rad_s", number(torque.observer_bandwidth_rad_s));
+    line("friction_switch_motor_rad_s", number(torque.friction_switch_motor_rad_s));
     for (index, [low, high]) in robot.search.iter().enumerate() {
         let heading = if index == 0 { "\n[search]\n" } else { "" };
         line(&format!("{heading}f{}", index + 1), format!("[{low:?}, {high:?}]"));

@@ -159,12 +159,6 @@ fn monitor_shows_rows_for_people_and_for_programs() {
 }
 
 #[test]
-fn track_without_a_model_says_what_to_do() {
-    let bench = Bench::new();
-    bench.refused(FAILED, "track --board sim", &["no model", "--model"]);
-}
-
-#[test]
 fn identified_and_uploaded_the_arm_tracks_within_one_count() {
     let bench = Bench::new();
     bench.done("record --board sim --seed 4 --out train1.csv");

@@ -5,7 +5,7 @@ use serde_json::Value;
 use crate::bench::{BAD_FILE, Bench, USAGE, numbers};
 
 const EFFECTS: &str = "--effect cogging:joint=3,amplitude_nm=0.1,order=3,phase_rad=0.5 \
-    --effect asymmetric-friction:joint=2,difference_nm=0.08 --effect torque-offset:joint=3,torque_nm=-0.05";
+    --effect asymmetric-friction:joint=2,difference_nm=0.14 --effect torque-offset:joint=3,torque_nm=-0.05";
 
 fn rms(tracked: &Value, field: &str) -> Vec<f64> {
     numbers(&tracked[field]["rms_error_counts"])

@@ -4,6 +4,7 @@ mod bad_input;
 mod bench;
 mod board;
 mod effects;
+mod tracking;
 
 use std::path::Path;
 

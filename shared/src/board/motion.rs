@@ -195,7 +195,10 @@ impl Motion {
             self.previous_error = None;
         }
         self.law = match start.computed_torque {
-            Some(controller) => Law::ComputedTorque(controller),
+            Some(mut controller) => {
+                controller.follow(self.command_a);
+                Law::ComputedTorque(controller)
+            }
             None => Law::Position,
         };
         self.path = Path::Approach(start.approach);
@@ -209,6 +212,13 @@ impl Motion {
         self.commander = start.commander;
         self.silent_ns = 0;
         self.enter(Mode::Approaching(start.law));
+    }
+
+    /// Goes on with another model, where computed torque is in charge.
+    pub(super) fn change_model(&mut self, next: &ComputedTorque<f32>) {
+        if let Law::ComputedTorque(controller) = &mut self.law {
+            controller.change_to(next);
+        }
     }
 
     /// Begins to slow down, or leaves the end of a trajectory for [`Mode::Armed`].

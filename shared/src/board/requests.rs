@@ -146,10 +146,15 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             }
             Request::StageModel { model, crc } => self.parameters.stage_model(model, *crc, findings)?,
             &Request::CommitModel { crc } => {
-                if self.mode().law() == Some(ControlLaw::ComputedTorque) {
-                    return Err(self.wrong_mode());
-                }
                 self.parameters.commit_model(crc)?;
+                if self.mode().law() == Some(ControlLaw::ComputedTorque)
+                    && let Some(applied) = &self.parameters.applied
+                    && let Some(held) = self.parameters.model(ModelSlot::Active)
+                {
+                    // Where it stands it knows itself.
+                    let next = applied.constants.computed_torque(&held.torque_model, &held.compensation(), [0.0; 2]);
+                    self.motion.change_model(&next);
+                }
                 self.storing.keep();
             }
             Request::ClearFault => {

@@ -81,7 +81,8 @@ pub enum Request {
         /// [`Model::crc`] as the host computes it.
         crc: u32,
     },
-    /// Second phase: makes the staged model the active one, whole. Not while computed torque is in charge.
+    /// Second phase: makes the staged model the active one, whole. Computed torque that is in charge goes on with
+    /// it, without a jump of the current; a recording under way keeps the CRC of the model it began with.
     /// → [`Reply::Model`], now active.
     CommitModel {
         /// [`Model::crc`] of the model meant.

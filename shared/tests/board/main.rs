@@ -6,6 +6,7 @@ mod movements;
 mod requests;
 mod rig;
 mod storing;
+mod transfers;
 
 /// The firmware's budget: 147 KB of rows and the board itself in the 192 KB of an STM32F429's main memory.
 #[test]

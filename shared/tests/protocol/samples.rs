@@ -68,7 +68,12 @@ pub fn configuration() -> Configuration {
             link_timeout_ns: 1_000_000_000,
             current_limit_time_ns: 200_000_000,
             stop_time_ns: 200_000_000,
-            computed_torque: ComputedTorqueConstants::default(),
+            computed_torque: ComputedTorqueConstants {
+                bandwidth_rad_s: 150.0,
+                damping_ratio: 1.0,
+                observer_bandwidth_rad_s: 400.0,
+                friction_switch_motor_rad_s: 0.5,
+            },
         },
         motion_limits: MotionLimits::reference_robot(),
         model_range: ModelRange::default(),

@@ -34,7 +34,7 @@ fn recording(client: &Client, movement: &Movement) -> Recording {
 }
 
 /// Two movements under the position loop, what is identified from them, and a movement under computed torque with that:
-/// within one count at 99 of 100 samples.
+/// every sample within one count.
 pub fn identified_over_the_wire_the_arm_is_tracked_to_the_count<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
     let board = switch_on(Setup::default());
     let mut client = ready(&board);
@@ -57,6 +57,6 @@ pub fn identified_over_the_wire_the_arm_is_tracked_to_the_count<B: BoardUnderTes
         largest_errors_counts(&training[0]),
         largest_errors_counts(&tracked),
     );
-    assert!(within_percent >= 99.0);
+    assert_eq!(within_percent, 100.0);
     board.finish();
 }

@@ -150,7 +150,7 @@ impl ExplainDemo {
         let in_class =
             explanation.effects.iter().filter(same_joint).any(|finding| finding.class.contains(&truth.name.as_str()));
         if self.common.json {
-            let mut object = track::to_json(compared);
+            let mut object = track::to_json(robot, compared);
             object["seed"] = json!(self.common.seed);
             object["explanation"] = explanation.to_json();
             object["sentences"] = json!(explanation.sentences);
