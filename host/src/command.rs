@@ -15,6 +15,7 @@ mod identify;
 mod info;
 mod interrupt;
 mod monitor;
+mod own_model;
 mod progress;
 mod ranges;
 mod record;

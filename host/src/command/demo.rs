@@ -19,11 +19,10 @@ use serde_json::json;
 
 use super::calibrate::{calibrated, table as calibration_table};
 use super::common::{TrajectoryArguments, advise, print, print_json};
+use super::own_model::TRAINING_PERIODS_S;
 use super::run::Run;
 use super::{CommandError, drawing, identify, track};
 
-/// Periods T of the two movements to identify from, in s: one alone leaves a combination of f7, f8 and f9 nearly free.
-const TRAINING_PERIODS_S: [f64; 2] = [3.65, 5.0];
 /// Period of the movement to track, in s: the paper's.
 const TRACKING_PERIOD_S: f64 = 3.65;
 
