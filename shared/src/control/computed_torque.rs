@@ -10,7 +10,7 @@
 //!
 //! Left out: integral action, and effects between motor and link, in the amplifier, in the encoder and in time.
 
-use crate::arm::{Arm, Pose};
+use crate::arm::{Arm, PARAMETERS, Pose};
 use crate::drive::{Drive, centre_of_count};
 use crate::effects::{DriveFeedforward, Instant, JointEffects};
 use crate::scalar::Number;
@@ -188,6 +188,13 @@ impl<S: Number> ComputedTorque<S> {
             self.velocity_rad_s[joint] += self.period_s * acceleration;
         }
         ComputedTorqueOutput { command_a: command, unlimited_command_a: unlimited }
+    }
+
+    /// Adds to the model's f1..f9, in their units: for a load taken up or set down. The observer goes on as it is.
+    pub fn add_to_f(&mut self, added: &[S; PARAMETERS]) {
+        for (f, &added) in self.arm.f.iter_mut().zip(added) {
+            *f += added;
+        }
     }
 
     /// The observer's estimate of the joint velocities at the next sampling instant, rad/s.
