@@ -36,6 +36,7 @@ pub mod identify;
 pub mod lanes;
 pub mod link;
 pub mod links;
+pub mod load;
 pub mod model;
 pub mod prior;
 mod random;

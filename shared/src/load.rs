@@ -11,11 +11,11 @@
 //! small): stiff control hides a load from the tracking error and shows it in the command, so the innovations tell it far
 //! more clearly than errors under computed torque do, and each candidate costs no controller.
 //!
-//! A bundle of such replicas runs side by side ([`bundle`]): one with the parameters assumed, one with each parameter moved a
+//! A bundle of such replicas runs side by side: one with the parameters assumed, one with each parameter moved a
 //! little. What they show is linear in what a load adds to f, but for the division by D, so the sum of squares of the
 //! innovations is a quadratic form; running the bundle again from the result removes what was not linear. The genetic
 //! algorithm searches mass, centre and inertia within their physical limits on that form, so a candidate costs some
-//! sums instead of a simulation ([`search`]).
+//! sums instead of a simulation.
 //!
 //! # What is not known exactly
 //! f1..f9, friction and the state at the first row are unknowns too, each with the standard error it is known to. They are
@@ -24,13 +24,13 @@
 //!
 //! Left out: effects beyond the plain arm ([`crate::effects`]).
 
-pub mod bundle;
+mod bundle;
 mod identifier;
 mod search;
 mod window;
 
-pub use identifier::{COST_NS_PER_REPLICA_STEP, Identifier};
-pub use search::{LoadEstimate, Quadratic};
+pub use identifier::{COST_NS_PER_REPLICA_STEP, Identifier, Piece};
+pub use search::LoadEstimate;
 pub use window::{LONGEST_COLLECTION_ROWS, LoadRow};
 
 use serde::{Deserialize, Serialize};
@@ -58,6 +58,9 @@ pub struct LoadSettings {
     pub inertia_standard_error_kg_m2: f32,
     /// Largest distance of the load's centre from the axis of joint 3, m.
     pub reach_m: f32,
+    /// Whether a host identifies from the stream of rows, and the board only assumes: then no load changes unless the host
+    /// says so ([`crate::protocol::Request::UseLoad`]).
+    pub by_host: bool,
     /// Rows to collect, [`SHORTEST_COLLECTION_ROWS`] to [`LONGEST_COLLECTION_ROWS`].
     pub collect_rows: u16,
     /// Standard errors of the model's f1..f9, in their units.
@@ -80,6 +83,7 @@ impl LoadSettings {
             inertia_kg_m2: 0.0,
             inertia_standard_error_kg_m2: 0.0,
             reach_m: 1.0,
+            by_host: false,
             collect_rows: 2 * SHORTEST_COLLECTION_ROWS,
             f_standard_error: [0.0; PARAMETERS],
             viscous_standard_error: [0.0; 2],
@@ -95,7 +99,8 @@ impl LoadSettings {
     /// A load of `mass_kg` where the gripper holds it, within what it may be.
     pub fn held(&self, mass_kg: f32) -> Load<f32> {
         Load {
-            mass_kg: mass_kg.clamp(0.0, self.maximum_kg.max(0.0)),
+            // Not `clamp`, whose message about limits that are none would take 10 KB of flash.
+            mass_kg: mass_kg.max(0.0).min(self.maximum_kg),
             centre_m: self.centre_m,
             inertia_kg_m2: self.inertia_kg_m2,
         }
@@ -106,9 +111,9 @@ impl LoadSettings {
         let [x, y] = self.centre_m;
         let rows = f32::from(SHORTEST_COLLECTION_ROWS)..=f32::from(LONGEST_COLLECTION_ROWS as u16);
         let errors = self.f_standard_error.iter().chain(&self.viscous_standard_error);
-        let worst_error = errors.chain(&self.coulomb_standard_error).fold(0.0, |worst: f32, &error| {
-            if error >= 0.0 && worst >= 0.0 { worst.max(error) } else { -1.0 }
-        });
+        let worst_error = errors
+            .chain(&self.coulomb_standard_error)
+            .fold(0.0, |worst: f32, &error| if error >= 0.0 && worst >= 0.0 { worst.max(error) } else { -1.0 });
         for (setting, value, limits) in [
             (LoadSetting::MaximumMass, self.maximum_kg, 0.05..=100.0),
             (LoadSetting::UpperArm, self.upper_arm_m, 0.01..=10.0),

@@ -1,5 +1,7 @@
 //! Replicas of the arm side by side: one with the parameters assumed, and one for each unknown moved a little.
 
+#![expect(clippy::needless_range_loop, reason = "a joint is an index into many arrays")]
+
 use super::{LoadRow, LoadSetup};
 use crate::arm::{Arm, Load, PARAMETERS};
 use crate::board::MID_SCALE;
@@ -114,7 +116,8 @@ impl Bundle {
         for joint in 0..2 {
             let [position, speed] = [MODEL_UNKNOWNS + joint, MODEL_UNKNOWNS + 2 + joint];
             self.states[1 + position].position_rad[joint] += START_POSITION_ERROR_COUNTS / per_rad[joint];
-            self.states[1 + speed].velocity_rad_s[joint] += START_SPEED_ERROR_COUNTS / (per_rad[joint] * setup.period_s);
+            self.states[1 + speed].velocity_rad_s[joint] +=
+                START_SPEED_ERROR_COUNTS / (per_rad[joint] * setup.period_s);
         }
     }
 
@@ -144,8 +147,7 @@ impl Bundle {
             let Some(state) = self.states.get_mut(replica) else { continue };
             let mut corrected = *state;
             for joint in 0..2 {
-                let innovation =
-                    centre_of_count(row.counts[joint] as f32) - state.position_rad[joint] * per_rad[joint];
+                let innovation = centre_of_count(row.counts[joint] as f32) - state.position_rad[joint] * per_rad[joint];
                 corrected.position_rad[joint] += position_gain * innovation / per_rad[joint];
                 corrected.velocity_rad_s[joint] += velocity_gain * innovation / per_rad[joint];
                 match moved {
@@ -160,16 +162,6 @@ impl Bundle {
             *state = plant.step(&corrected, held, setup.period_s);
         }
         shown
-    }
-
-    /// The load assumed, as [`linear_load`].
-    pub fn load(&self) -> [f32; LOAD_UNKNOWNS] {
-        self.load
-    }
-
-    /// The nuisances assumed.
-    pub fn nuisances(&self) -> &[f32; NUISANCES] {
-        &self.nuisances
     }
 }
 

@@ -50,9 +50,15 @@ enum Stage {
     Waiting,
     Collecting,
     /// The bundle runs over the rows.
-    Replaying { round: u8, next: usize, counts: [i32; 2] },
+    Replaying {
+        round: u8,
+        next: usize,
+        counts: [i32; 2],
+    },
     /// The genetic algorithm runs.
-    Searching { round: u8 },
+    Searching {
+        round: u8,
+    },
     /// The result is in use; every row is tested.
     Watching,
 }
@@ -224,9 +230,8 @@ impl Identifier {
             }
         }
         let first = self.window.first_counts();
-        let speed = [0, 1].map(|joint: usize| {
-            counts[joint].wrapping_sub(first[joint]) as f32 / (2 * START_ROWS) as f32
-        });
+        let speed =
+            [0, 1].map(|joint: usize| counts[joint].wrapping_sub(first[joint]) as f32 / (2 * START_ROWS) as f32);
         let start = self.window.row(START_ROWS, middle).counts;
         self.bundle.start(setup, linear_load(&self.about), &self.nuisances, start, speed);
         self.quadratic.clear();
@@ -257,8 +262,7 @@ impl Identifier {
             return Piece { news: None, replica_steps };
         }
         self.searches = self.searches.wrapping_add(1);
-        self.search =
-            Search::new(&mut self.quadratic, &setup.settings, &self.about, &self.nuisances, self.searches);
+        self.search = Search::new(&mut self.quadratic, &setup.settings, &self.about, &self.nuisances, self.searches);
         self.stage = Stage::Searching { round };
         Piece { news: None, replica_steps: replica_steps + ELIMINATION_STEPS }
     }

@@ -1,5 +1,7 @@
 //! From what the rows showed to the load: a quadratic form, the genetic algorithm on it, and what it leaves open.
 
+#![expect(clippy::needless_range_loop, reason = "matrices are read by their indices")]
+
 use rand_pcg::Pcg32;
 use serde::{Deserialize, Serialize};
 
@@ -445,11 +447,7 @@ fn objective_of(
 }
 
 /// Mass, centre and inertia where the form is least with nothing limited, and their standard deviations.
-fn solve(
-    reduced: &Reduced,
-    prior: &Prior,
-    about: &Load<f32>,
-) -> Option<([f64; LOAD_UNKNOWNS], [f64; LOAD_UNKNOWNS])> {
+fn solve(reduced: &Reduced, prior: &Prior, about: &Load<f32>) -> Option<([f64; LOAD_UNKNOWNS], [f64; LOAD_UNKNOWNS])> {
     const N: usize = LOAD_UNKNOWNS;
     let gradient = gradient(about);
     let start = physical(about);

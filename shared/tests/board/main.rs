@@ -13,5 +13,5 @@ fn it_fits_the_chip() {
     use shared::board::{Board, DEFAULT_SAMPLES};
     use shared::protocol::PackedSample;
     assert_eq!(size_of::<[PackedSample; DEFAULT_SAMPLES]>(), 147_000);
-    assert!(size_of::<Board<&'static mut [PackedSample]>>() <= 12 * 1024);
+    assert!(size_of::<Board<&'static mut [PackedSample]>>() <= 13 * 1024);
 }

@@ -34,9 +34,9 @@ pub struct Rig {
     controller: ComputedTorque<f32>,
     assumed: Load<f32>,
     identifier: Identifier,
+    lose: bool,
     tick: usize,
     pub news: Vec<(usize, LoadNews)>,
-    pub replica_steps: u64,
     pub errors: Vec<[f64; 2]>,
 }
 
@@ -59,9 +59,9 @@ impl Rig {
             settings,
             assumed: settings.assumed(),
             identifier: Identifier::new(),
+            lose: false,
             tick: 0,
             news: Vec::new(),
-            replica_steps: 0,
             errors: Vec::new(),
         };
         rig.begin();
@@ -107,6 +107,11 @@ impl Rig {
         self.robot = robot;
     }
 
+    /// The next row does not reach the identification.
+    pub fn lose_a_row(&mut self) {
+        self.lose = true;
+    }
+
     pub fn run(&mut self, rows: usize) {
         (0..rows).for_each(|_| self.step());
     }
@@ -116,9 +121,8 @@ impl Rig {
         let counts = [0, 1].map(|j| self.robot.plant.drives[j].encoder_counts(position[j]));
         let time_s = self.tick as f64 * PERIOD_S;
         let at = reference(time_s);
-        self.errors.push([0, 1].map(|j| {
-            (at.position_rad[j] - position[j]) * self.robot.plant.drives[j].counts_per_rad()
-        }));
+        self.errors
+            .push([0, 1].map(|j| (at.position_rad[j] - position[j]) * self.robot.plant.drives[j].counts_per_rad()));
         let output = self.controller.tick(&ComputedTorqueInput {
             reference: single(&at),
             reference_ahead: single(&reference(time_s + 0.5 * PERIOD_S + DELAY_S)),
@@ -131,11 +135,12 @@ impl Rig {
             counts: counts.map(|count| count as i32),
             command_code: code.map(|code| code as u16),
         };
-        let piece = self.identifier.push(&row);
-        self.hear(piece.news);
+        if !core::mem::take(&mut self.lose) {
+            let piece = self.identifier.push(&row);
+            self.hear(piece.news);
+        }
         while self.identifier.has_work() {
             let piece = self.identifier.advance();
-            self.replica_steps += u64::from(piece.replica_steps);
             self.hear(piece.news);
         }
         self.tick += 1;
