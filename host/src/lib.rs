@@ -39,7 +39,7 @@ pub mod links;
 pub mod load;
 pub mod model;
 pub mod prior;
-mod random;
+pub mod random;
 pub mod recording;
 pub mod robot;
 pub mod searchers;

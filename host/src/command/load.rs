@@ -298,7 +298,9 @@ impl Outcome {
 
 /// The load in use, in one line.
 pub fn active(found: &LoadEstimate) -> String {
-    format!("now active: {:.2} ± {:.2} kg", found.mass_kg, found.standard_error_kg.max(0.005))
+    // Two digits say nothing of an error of grams.
+    let digits = if found.standard_error_kg < 0.01 { 3 } else { 2 };
+    format!("now active: {:.digits$} ± {:.digits$} kg", found.mass_kg, found.standard_error_kg)
 }
 
 /// What is told, in words.

@@ -156,6 +156,12 @@ impl SimulatedBoard {
         self
     }
 
+    /// The arm carries `load` from now on, whatever it carried before.
+    pub fn carry(&mut self, load: &Load<f64>) {
+        self.load.carry(*load, &[]);
+        self.arm.set_load(self.load.added_f());
+    }
+
     /// With the encoders of a real board: all their cells are one count wide, while that of 0 is two counts wide after
     /// the paper's `fix()`. Both agree where positions are negative.
     pub fn with_equal_cells(mut self) -> Self {
