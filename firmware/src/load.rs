@@ -1,5 +1,5 @@
-//! The identification of the load beside the control interrupt: a task that works in pieces of a millisecond and gives
-//! way to every other task between two of them. What it does is in `shared::load`.
+//! The identification of the load beside the control interrupt: a task that works in pieces of less than a millisecond and
+//! gives way to every other task between two of them. What it does is in `shared::load`.
 
 use core::{
     mem::MaybeUninit,
@@ -16,6 +16,9 @@ use shared::{
 
 /// How often to look whether there are rows: seven of the longest period.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
+
+/// Between two pieces of a search: sending a frame takes several turns of its task, and rows go out every 0.7 ms.
+const PAUSE: Duration = Duration::from_micros(150);
 
 /// Between control interrupt and task, in static memory. A queue of N holds N - 1.
 pub struct Load {
@@ -99,16 +102,15 @@ pub async fn identify(identifier: &'static mut Identifier, mut end: TaskEnd) {
             Some(LoadOrder::End) => identifier.end(),
             None => {}
         }
-        let piece = if let Some(row) = end.rows.dequeue() {
-            identifier.push(&row)
+        if let Some(row) = end.rows.dequeue() {
+            tell(&mut end.news, identifier.push(&row));
+            yield_now().await;
         } else if identifier.has_work() {
-            identifier.advance()
+            tell(&mut end.news, identifier.advance());
+            Timer::after(PAUSE).await;
         } else {
             Timer::after(LOOK_EVERY).await;
-            continue;
-        };
-        tell(&mut end.news, piece);
-        yield_now().await;
+        }
     }
 }
 

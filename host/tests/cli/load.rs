@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::bench::{Bench, FAILED, USAGE};
+use crate::bench::{Bench, FAILED, UNSAFE, USAGE};
 
 /// The mass found and its standard error.
 fn mass(found: &Value) -> [f64; 2] {
@@ -16,7 +16,7 @@ fn a_load_is_found_by_the_board_and_by_this_computer() {
     bench.done("simulate --settle 0 --out run.csv --truth truth.toml --seed 1");
     let mut all = Vec::new();
     for place in ["board", "host"] {
-        let command = format!("load --board sim --seed 1 --model truth.toml --load-kg 1.72 --where {place} --json");
+        let command = format!("load --board sim --seed 1 --model truth.toml --load-kg 1.72 --where {place}");
         let found = bench.json(&command);
         let [mass_kg, error_kg] = mass(&found);
         assert!((mass_kg - 1.72).abs() < 3.0 * error_kg && error_kg < 0.05, "{found}");
@@ -35,7 +35,7 @@ fn a_load_is_found_by_the_board_and_by_this_computer() {
 #[test]
 fn without_a_model_the_empty_arm_is_identified_first() {
     let bench = Bench::new();
-    let found = bench.json("load --board sim --seed 4 --load-kg 1.1 --json");
+    let found = bench.json("load --board sim --seed 4 --load-kg 1.1");
     let [mass_kg, error_kg] = mass(&found);
     assert!((mass_kg - 1.1).abs() < 0.02 && error_kg < 0.02, "{found}");
 }
@@ -66,7 +66,7 @@ fn wrong_settings_are_refused_with_their_limits() {
     bench.refused(USAGE, "load --board usb --model truth.toml --load-kg 1", &["--load-kg is for a simulated board"]);
     bench.spoil("robot.toml", "fast.toml", |text| text.replace("loop_period_s = 0.0007", "loop_period_s = 0.00035"));
     bench.refused(
-        FAILED,
+        UNSAFE,
         "load --board sim --robot fast.toml --model truth.toml --load-kg 1",
         &["every loop tick", "350000 ns"],
     );

@@ -38,21 +38,6 @@ pub fn linear_load(load: &Load<f32>) -> [f32; LOAD_UNKNOWNS] {
     [mass, mass * x, mass * y, load.inertia_kg_m2 + mass * (x * x + y * y)]
 }
 
-/// What [`linear_load`] adds to f1..f9.
-fn added_f([mass, mass_x, mass_y, about_joint]: [f32; LOAD_UNKNOWNS], upper_arm_m: f32) -> [f32; PARAMETERS] {
-    [
-        about_joint,
-        about_joint,
-        mass_x * upper_arm_m,
-        mass_y * upper_arm_m,
-        mass_x,
-        mass_y,
-        mass * upper_arm_m * upper_arm_m + about_joint,
-        0.0,
-        mass * upper_arm_m,
-    ]
-}
-
 /// What a row shows: the innovation of the replica that assumes what is assumed, and how the modelled position moves with
 /// each unknown.
 #[derive(Clone, Copy, Debug)]
@@ -68,9 +53,8 @@ pub struct Shown {
 #[derive(Clone, Debug)]
 pub struct Bundle {
     states: [State<f32>; UNKNOWNS + 1],
-    /// Nuisances assumed, in standard errors.
-    nuisances: [f32; NUISANCES],
-    load: [f32; LOAD_UNKNOWNS],
+    /// With everything as it is assumed.
+    plant: Plant<f32>,
     /// By how much each of the load's four is moved.
     steps: [f32; LOAD_UNKNOWNS],
     previous_torque_nm: Option<[f32; 2]>,
@@ -79,17 +63,26 @@ pub struct Bundle {
 impl Bundle {
     /// Replicas that know nothing yet.
     pub const fn new() -> Self {
+        let drive = Drive {
+            gear_ratio: 1.0,
+            counts_per_rev: 1.0,
+            torque_constant_nm_per_a: 0.0,
+            current_limit_a: 0.0,
+            viscous_friction_nm_s_per_rad: 0.0,
+            coulomb_friction_nm: 0.0,
+            torque_offset_nm: 0.0,
+        };
         Self {
             states: [State { position_rad: [0.0; 2], velocity_rad_s: [0.0; 2] }; UNKNOWNS + 1],
-            nuisances: [0.0; NUISANCES],
-            load: [0.0; LOAD_UNKNOWNS],
+            plant: Plant { arm: Arm { f: [0.0; PARAMETERS], gravity_m_s2: 0.0 }, drives: [drive; 2] },
             steps: [1.0; LOAD_UNKNOWNS],
             previous_torque_nm: None,
         }
     }
 
-    /// Starts all replicas at `counts`, moving by `counts_per_row`, with `load` and the nuisances assumed (in standard
-    /// errors, those of the state apart).
+    /// Starts all replicas at `counts`, moving by `counts_per_row`, with `load` and the nuisances assumed, these in standard
+    /// errors.
+    #[inline(never)]
     pub fn start(
         &mut self,
         setup: &LoadSetup,
@@ -98,11 +91,16 @@ impl Bundle {
         counts: [i32; 2],
         counts_per_row: [f32; 2],
     ) {
-        self.load = load;
         let mass_step = 0.1 * setup.settings.maximum_kg;
         self.steps = [mass_step, 0.1 * mass_step, 0.1 * mass_step, 0.05 * mass_step];
-        self.nuisances = *nuisances;
         self.previous_torque_nm = None;
+        self.plant = Plant { arm: Arm { f: setup.f, gravity_m_s2: setup.gravity_m_s2 }, drives: setup.drives };
+        for (unknown, &errors) in nuisances.iter().enumerate().take(MODEL_UNKNOWNS) {
+            move_model(&mut self.plant, unknown, errors * model_error(setup, unknown));
+        }
+        for (unknown, by) in load.into_iter().enumerate() {
+            move_load(&mut self.plant, setup, unknown, by);
+        }
         let per_rad = setup.drives.map(|drive| drive.counts_per_rad());
         let mut start = State { position_rad: [0.0; 2], velocity_rad_s: [0.0; 2] };
         for joint in 0..2 {
@@ -139,27 +137,37 @@ impl Bundle {
 
         let mut shown = Shown { innovation_counts: [0.0; 2], sensitivity: [[0.0; UNKNOWNS]; 2] };
         let per_rad = setup.drives.map(|drive| drive.counts_per_rad());
-        for replica in 0..=UNKNOWNS {
-            let moved = replica.checked_sub(1);
-            if moved.is_some_and(|unknown| !is_free(setup, unknown)) {
-                continue;
+        let [position_rad, velocity_rad_s] =
+            [position_gain, velocity_gain].map(|gain| per_rad.map(|per_rad| gain / per_rad));
+        let measured = row.counts.map(|count| centre_of_count(count as f32));
+        for (replica, state) in self.states.iter_mut().enumerate() {
+            let mut plant = self.plant;
+            let mut step = 1.0;
+            if let Some(unknown) = replica.checked_sub(1) {
+                if let Some(index) = unknown.checked_sub(NUISANCES) {
+                    step = self.steps[index];
+                    move_load(&mut plant, setup, index, step);
+                } else if unknown < MODEL_UNKNOWNS {
+                    let error = model_error(setup, unknown);
+                    if error <= 0.0 {
+                        // Known exactly: nothing moves with it.
+                        continue;
+                    }
+                    move_model(&mut plant, unknown, error);
+                }
             }
-            let Some(state) = self.states.get_mut(replica) else { continue };
-            let mut corrected = *state;
             for joint in 0..2 {
-                let innovation = centre_of_count(row.counts[joint] as f32) - state.position_rad[joint] * per_rad[joint];
-                corrected.position_rad[joint] += position_gain * innovation / per_rad[joint];
-                corrected.velocity_rad_s[joint] += velocity_gain * innovation / per_rad[joint];
-                match moved {
+                let innovation = measured[joint] - state.position_rad[joint] * per_rad[joint];
+                state.position_rad[joint] += position_rad[joint] * innovation;
+                state.velocity_rad_s[joint] += velocity_rad_s[joint] * innovation;
+                match replica.checked_sub(1) {
                     None => shown.innovation_counts[joint] = innovation,
                     Some(unknown) => {
-                        let step = unknown.checked_sub(NUISANCES).map_or(1.0, |index| self.steps[index]);
                         shown.sensitivity[joint][unknown] = (shown.innovation_counts[joint] - innovation) / step;
                     }
                 }
             }
-            let plant = plant(setup, &self.load, &self.steps, &self.nuisances, moved).prepare();
-            *state = plant.step(&corrected, held, setup.period_s);
+            *state = plant.prepare().step(state, held, setup.period_s);
         }
         shown
     }
@@ -168,46 +176,45 @@ impl Bundle {
 /// How far one standard error of a nuisance of the model is, in its unit.
 fn model_error(setup: &LoadSetup, unknown: usize) -> f32 {
     let settings = &setup.settings;
-    let errors = settings.f_standard_error.iter().chain(&settings.viscous_standard_error);
-    errors.chain(&settings.coulomb_standard_error).nth(unknown).copied().unwrap_or(0.0)
+    match unknown.checked_sub(PARAMETERS) {
+        None => settings.f_standard_error[unknown],
+        Some(joint @ 0..2) => settings.viscous_standard_error[joint],
+        Some(joint) => settings.coulomb_standard_error.get(joint - 2).copied().unwrap_or(0.0),
+    }
 }
 
-/// Whether an unknown is one: a parameter of the model known exactly is none.
-pub fn is_free(setup: &LoadSetup, unknown: usize) -> bool {
-    unknown >= MODEL_UNKNOWNS || model_error(setup, unknown) > 0.0
-}
-
-/// The plant of one replica, the one of `moved` with that unknown moved by its step.
-fn plant(
-    setup: &LoadSetup,
-    load: &[f32; LOAD_UNKNOWNS],
-    steps: &[f32; LOAD_UNKNOWNS],
-    nuisances: &[f32; NUISANCES],
-    moved: Option<usize>,
-) -> Plant<f32> {
-    let settings = &setup.settings;
-    let off = |unknown: usize, error: f32| {
-        let step = if moved == Some(unknown) { 1.0 } else { 0.0 };
-        (nuisances.get(unknown).copied().unwrap_or(0.0) + step) * error
-    };
-    let mut load = *load;
-    if let Some(index) = moved.and_then(|unknown| unknown.checked_sub(NUISANCES)) {
-        load[index] += steps[index];
-    }
-    let mut f = setup.f;
-    let added = added_f(load, settings.upper_arm_m);
-    for (index, ((f, added), &error)) in f.iter_mut().zip(added).zip(&settings.f_standard_error).enumerate() {
-        *f += added + off(index, error);
-    }
-    let drive = |joint: usize| {
-        let drive = setup.drives[joint];
-        let viscous = off(PARAMETERS + joint, settings.viscous_standard_error[joint]);
-        let coulomb = off(PARAMETERS + 2 + joint, settings.coulomb_standard_error[joint]);
-        Drive {
-            viscous_friction_nm_s_per_rad: drive.viscous_friction_nm_s_per_rad + viscous,
-            coulomb_friction_nm: (drive.coulomb_friction_nm + coulomb).max(0.0),
-            ..drive
+/// Moves an unknown of the model by so much of its unit.
+#[inline(always)]
+fn move_model(plant: &mut Plant<f32>, unknown: usize, by: f32) {
+    match unknown.checked_sub(PARAMETERS) {
+        None => plant.arm.f[unknown] += by,
+        Some(joint @ 0..2) => plant.drives[joint].viscous_friction_nm_s_per_rad += by,
+        Some(joint) => {
+            if let Some(drive) = plant.drives.get_mut(joint - 2) {
+                drive.coulomb_friction_nm = (drive.coulomb_friction_nm + by).max(0.0);
+            }
         }
-    };
-    Plant { arm: Arm { f, gravity_m_s2: setup.gravity_m_s2 }, drives: [drive(0), drive(1)] }
+    }
+}
+
+/// Moves one of the load's four by so much of its unit: what [`linear_load`] adds to f1..f9.
+#[inline(always)]
+fn move_load(plant: &mut Plant<f32>, setup: &LoadSetup, unknown: usize, by: f32) {
+    let upper_arm_m = setup.settings.upper_arm_m;
+    let f = &mut plant.arm.f;
+    match unknown {
+        0 => {
+            f[6] += by * upper_arm_m * upper_arm_m;
+            f[8] += by * upper_arm_m;
+        }
+        1 | 2 => {
+            f[1 + unknown] += by * upper_arm_m;
+            f[3 + unknown] += by;
+        }
+        _ => {
+            f[0] += by;
+            f[1] += by;
+            f[6] += by;
+        }
+    }
 }

@@ -6,17 +6,18 @@ use super::window::Window;
 use super::{LoadEstimate, LoadNews, LoadRow, LoadSetup, Rejected, Waiting};
 use crate::arm::Load;
 
-/// Time a step of one replica takes on the board, ns; for a simulated board. Counted in an emulated chip.
-pub const COST_NS_PER_REPLICA_STEP: u64 = 8_000;
+/// Time a step of one replica takes on the board, ns; for a simulated board. From the time a search takes on the emulated one.
+pub const COST_NS_PER_REPLICA_STEP: u64 = 12_500;
 
 /// Runs of the bundle, each about the load that the one before found.
 const ROUNDS: u8 = 3;
-/// Rows replayed in one piece of work: some 0.7 ms on the board.
-const ROWS_PER_PIECE: usize = 4;
-/// What a generation costs, in candidates per step of a replica.
-const CANDIDATES_PER_STEP: u32 = 1;
-/// What an elimination of all unknowns costs, in steps of a replica.
-const ELIMINATION_STEPS: u32 = 250;
+/// Rows replayed in one piece of work: some 0.3 ms on the board, whose other tasks wait meanwhile.
+const ROWS_PER_PIECE: usize = 1;
+/// What the parts of a search cost, in steps of a replica: one unknown eliminated on average, a generation, and what comes
+/// before and after each search.
+const ELIMINATION_STEPS: u32 = 12;
+const GENERATION_STEPS: u32 = 40;
+const SEARCH_STEPS: u32 = 40;
 
 /// Least speed of both motors in a collection, counts a row: some 0.1 rad/s on the paper's robot. Slower, Coulomb friction
 /// is about to change its sign.
@@ -54,6 +55,11 @@ enum Stage {
         round: u8,
         next: usize,
         counts: [i32; 2],
+    },
+    /// The nuisances are eliminated, one after the other.
+    Eliminating {
+        round: u8,
+        pivot: usize,
     },
     /// The genetic algorithm runs.
     Searching {
@@ -134,7 +140,7 @@ impl Identifier {
 
     /// Whether there is work to do beside the rows.
     pub fn has_work(&self) -> bool {
-        matches!(self.stage, Stage::Replaying { .. } | Stage::Searching { .. })
+        matches!(self.stage, Stage::Replaying { .. } | Stage::Eliminating { .. } | Stage::Searching { .. })
     }
 
     /// Takes in the next row. Bounded time: at most a step of the bundle and a test.
@@ -154,7 +160,9 @@ impl Identifier {
         }
         self.recent_rows = (self.recent_rows + 1).min(self.recent.len());
         match self.stage {
-            Stage::Off | Stage::Replaying { .. } | Stage::Searching { .. } => Piece::default(),
+            Stage::Off | Stage::Replaying { .. } | Stage::Eliminating { .. } | Stage::Searching { .. } => {
+                Piece::default()
+            }
             Stage::Waiting => self.look_for_motion(row, lost),
             Stage::Collecting => self.collect(&setup, row, lost),
             Stage::Watching => self.watch(&setup, row, lost),
@@ -243,6 +251,7 @@ impl Identifier {
         let Some(setup) = self.setup else { return Piece::default() };
         match self.stage {
             Stage::Replaying { round, next, counts } => self.replay_on(&setup, round, next, counts),
+            Stage::Eliminating { round, pivot } => self.eliminate_on(&setup, round, pivot),
             Stage::Searching { round } => self.search_on(&setup, round),
             Stage::Off | Stage::Waiting | Stage::Collecting | Stage::Watching => Piece::default(),
         }
@@ -261,10 +270,21 @@ impl Identifier {
             self.stage = Stage::Replaying { round, next: end, counts };
             return Piece { news: None, replica_steps };
         }
+        self.quadratic.expect(&self.nuisances);
+        self.stage = Stage::Eliminating { round, pivot: 0 };
+        Piece { news: None, replica_steps }
+    }
+
+    fn eliminate_on(&mut self, setup: &LoadSetup, round: u8, pivot: usize) -> Piece {
+        if pivot < NUISANCES {
+            self.quadratic.eliminate(pivot);
+            self.stage = Stage::Eliminating { round, pivot: pivot + 1 };
+            return Piece { news: None, replica_steps: ELIMINATION_STEPS };
+        }
         self.searches = self.searches.wrapping_add(1);
-        self.search = Search::new(&mut self.quadratic, &setup.settings, &self.about, &self.nuisances, self.searches);
+        self.search = Search::new(&self.quadratic, &setup.settings, &self.about, self.searches);
         self.stage = Stage::Searching { round };
-        Piece { news: None, replica_steps: replica_steps + ELIMINATION_STEPS }
+        Piece { news: None, replica_steps: SEARCH_STEPS }
     }
 
     fn search_on(&mut self, setup: &LoadSetup, round: u8) -> Piece {
@@ -273,16 +293,16 @@ impl Identifier {
             return Piece { news: Some(LoadNews::Rejected(Rejected::NotFinite, LoadEstimate::NONE)), replica_steps: 1 };
         };
         let done = search.step();
-        let replica_steps = Search::CANDIDATES / CANDIDATES_PER_STEP;
         if !done {
-            return Piece { news: None, replica_steps };
+            return Piece { news: None, replica_steps: GENERATION_STEPS };
         }
+        let replica_steps = GENERATION_STEPS + SEARCH_STEPS;
         if round + 1 < ROUNDS {
             self.nuisances = search.nuisances(&self.quadratic, &self.nuisances);
             self.about = search.best();
             self.search = None;
             self.replay(setup, round + 1);
-            return Piece { news: None, replica_steps: replica_steps + ELIMINATION_STEPS };
+            return Piece { news: None, replica_steps };
         }
         let nuisances = search.nuisances(&self.quadratic, &self.nuisances);
         let (estimate, gate) = search.finish(&mut self.quadratic, &setup.settings);
@@ -302,7 +322,7 @@ impl Identifier {
                 LoadNews::Rejected(rejected, estimate)
             }
         };
-        Piece { news: Some(news), replica_steps: replica_steps + ELIMINATION_STEPS }
+        Piece { news: Some(news), replica_steps }
     }
 
     fn watch(&mut self, setup: &LoadSetup, row: &LoadRow, lost: bool) -> Piece {
@@ -324,7 +344,7 @@ impl Identifier {
         if self.watch.rows < WATCH_FROM_ROWS || !self.watch.rows.is_multiple_of(WATCH_EVERY_ROWS) {
             return Piece { news: None, replica_steps };
         }
-        replica_steps += ELIMINATION_STEPS / 10;
+        replica_steps += ELIMINATION_STEPS;
         let least_kg = WATCH_LEAST * setup.settings.maximum_kg;
         let Some(by_kg) = self.watch.change_kg(&self.quadratic, &gradient(&self.about), least_kg) else {
             return Piece { news: None, replica_steps };

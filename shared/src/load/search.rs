@@ -18,9 +18,9 @@ const BLOCK_ROWS: u32 = 8;
 const KNOWN: f64 = 1e-4;
 
 /// Generations of one search. The best of the form without its limits is planted in the first.
-const GENERATIONS: u32 = 12;
+const GENERATIONS: u32 = 16;
 /// Individuals of a subpopulation, and subpopulations.
-const INDIVIDUALS: usize = 12;
+const INDIVIDUALS: usize = 8;
 const SUBPOPULATIONS: usize = 2;
 
 /// Standard errors by which the data must contradict a limit before a result is thrown away.
@@ -150,32 +150,36 @@ impl Quadratic {
         libm::sqrtf((self.squares / f64::from(degrees)) as f32)
     }
 
-    /// Eliminates unknowns `from..to`, each with a standard normal prior about zero, `assumed` being where they are.
-    fn eliminate(&mut self, from: usize, to: usize) {
-        for pivot in from..to {
-            let inverse = 1.0 / self.matrix[place(pivot, pivot)];
-            for row in pivot + 1..UNKNOWNS {
-                let factor = self.matrix[place(pivot, row)] * inverse;
-                if factor == 0.0 {
-                    continue;
-                }
-                for column in row..UNKNOWNS {
-                    self.matrix[place(row, column)] -= factor * self.matrix[place(pivot, column)];
-                }
-                self.vector[row] -= factor * self.vector[pivot];
-            }
-        }
-    }
-
-    /// All nuisances eliminated: what is left is the load's. `assumed` is where the nuisances are now, in standard errors.
+    /// Gives every nuisance its standard normal prior, `assumed` being where they are now, in standard errors. After the
+    /// last row, before [`Self::eliminate`].
     #[inline(never)]
-    fn reduce(&mut self, assumed: &[f32; NUISANCES]) -> Reduced {
+    pub fn expect(&mut self, assumed: &[f32; NUISANCES]) {
         self.flush();
         for (unknown, &assumed) in assumed.iter().enumerate() {
             self.matrix[place(unknown, unknown)] += 1.0;
             self.vector[unknown] -= f64::from(assumed);
         }
-        self.eliminate(0, NUISANCES);
+    }
+
+    /// Eliminates one unknown from all after it. Apart from each other, because all at once take the board milliseconds.
+    #[inline(never)]
+    pub fn eliminate(&mut self, pivot: usize) {
+        let inverse = 1.0 / self.matrix[place(pivot, pivot)];
+        for row in pivot + 1..UNKNOWNS {
+            let factor = self.matrix[place(pivot, row)] * inverse;
+            if factor == 0.0 {
+                continue;
+            }
+            for column in row..UNKNOWNS {
+                self.matrix[place(row, column)] -= factor * self.matrix[place(pivot, column)];
+            }
+            self.vector[row] -= factor * self.vector[pivot];
+        }
+    }
+
+    /// The form of the load alone, once all nuisances are eliminated.
+    #[inline(never)]
+    fn reduced(&self) -> Reduced {
         let mut reduced = Reduced { matrix: [[0.0; LOAD_UNKNOWNS]; LOAD_UNKNOWNS], vector: [0.0; LOAD_UNKNOWNS] };
         for row in 0..LOAD_UNKNOWNS {
             reduced.vector[row] = self.vector[NUISANCES + row];
@@ -187,7 +191,8 @@ impl Quadratic {
         reduced
     }
 
-    /// Where the nuisances are best when the load is moved by `moved`; after [`Self::reduce`].
+    /// Where the nuisances are best when the load is moved by `moved`; after the elimination.
+    #[inline(never)]
     fn nuisances(&self, assumed: &[f32; NUISANCES], moved: &[f64; LOAD_UNKNOWNS]) -> [f32; NUISANCES] {
         let mut solution = [0.0; UNKNOWNS];
         solution[NUISANCES..].copy_from_slice(moved);
@@ -204,7 +209,8 @@ impl Quadratic {
     }
 
     /// Turns the form into one of mass, centre and inertia with their priors, eliminated to the end, so that
-    /// [`Self::variance`] can be asked; after [`Self::reduce`].
+    /// [`Self::variance`] can be asked; after the elimination.
+    #[inline(never)]
     fn finish(&mut self, gradient: &[[f64; LOAD_UNKNOWNS]; LOAD_UNKNOWNS], prior: &Prior) {
         let turned = |of: [f64; LOAD_UNKNOWNS]| -> [f64; LOAD_UNKNOWNS] {
             core::array::from_fn(|column| (0..LOAD_UNKNOWNS).map(|row| of[row] * gradient[row][column]).sum())
@@ -227,7 +233,9 @@ impl Quadratic {
                 self.matrix[place(NUISANCES + row, NUISANCES + column)] = sum + known;
             }
         }
-        self.eliminate(NUISANCES, UNKNOWNS);
+        for pivot in NUISANCES..UNKNOWNS {
+            self.eliminate(pivot);
+        }
     }
 
     /// Variance of a sum of the unknowns with these weights; the load's are those of mass, centre and inertia. After
@@ -313,15 +321,9 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// Prepares the search; `None` where something is not a number. `quadratic` is reduced by this.
-    pub(super) fn new(
-        quadratic: &mut Quadratic,
-        settings: &LoadSettings,
-        about: &Load<f32>,
-        nuisances: &[f32; NUISANCES],
-        seed: u32,
-    ) -> Option<Self> {
-        let reduced = quadratic.reduce(nuisances);
+    /// Prepares the search on a form whose nuisances are eliminated; `None` where something is not a number.
+    pub(super) fn new(quadratic: &Quadratic, settings: &LoadSettings, about: &Load<f32>, seed: u32) -> Option<Self> {
+        let reduced = quadratic.reduced();
         let prior = Prior::new(settings);
         let (unlimited, deviation) = solve(&reduced, &prior, about)?;
         let widest = |mean: f64, deviation: f64, low: f64, high: f64| {
@@ -353,9 +355,6 @@ impl Search {
         });
         genetic.generation() >= GENERATIONS
     }
-
-    /// Candidates of one generation.
-    pub(super) const CANDIDATES: u32 = (INDIVIDUALS * SUBPOPULATIONS) as u32;
 
     /// The best load so far.
     pub(super) fn best(&self) -> Load<f32> {

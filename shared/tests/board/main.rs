@@ -2,6 +2,7 @@
 
 mod faults;
 mod kept_faults;
+mod load;
 mod movements;
 mod requests;
 mod rig;

@@ -11,8 +11,11 @@ use shared::protocol::{ControlLaw, Mode, PackedSample};
 /// twentieth, the links another.
 const SHARE_OF_TIME: f64 = 0.85;
 
-/// What the task does beside the replicas, ns a piece.
-const COST_NS_PER_PIECE: i64 = 5_000;
+/// What the task does for a row beside the replicas, ns.
+const COST_NS_PER_ROW: i64 = 5_000;
+
+/// How long it rests after each piece of a search, so that the links get their turn, ns.
+const PAUSE_NS: i64 = 150_000;
 
 /// Something is taken up, or set down, or dropped.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,15 +98,15 @@ impl SimulatedLoad {
         self.rows.extend(row);
         self.time_ns += (SHARE_OF_TIME * period_ns as f64) as i64;
         while self.time_ns > 0 {
-            let piece = if let Some(row) = self.rows.pop_front() {
-                self.identifier.push(&row)
+            let (piece, beside_ns) = if let Some(row) = self.rows.pop_front() {
+                (self.identifier.push(&row), COST_NS_PER_ROW)
             } else if self.identifier.has_work() {
-                self.identifier.advance()
+                (self.identifier.advance(), PAUSE_NS)
             } else {
                 self.time_ns = 0;
                 return;
             };
-            self.time_ns -= COST_NS_PER_PIECE + (u64::from(piece.replica_steps) * COST_NS_PER_REPLICA_STEP) as i64;
+            self.time_ns -= beside_ns + (u64::from(piece.replica_steps) * COST_NS_PER_REPLICA_STEP) as i64;
             if let Some(news) = &piece.news {
                 board.hear_of_load(news);
             }
