@@ -95,34 +95,30 @@ fn a_host_that_identifies_gets_no_order_and_no_rows_are_passed_on() {
     assert_eq!((used.found, used.identifications), (Some(estimate(1.0)), 1));
 }
 
-/// The arm of the rig carries nothing and its model is exact, so half a load that is assumed holds it off its place; what
-/// is found is let in over 30 ms, and no tick changes the command by more than its share of that.
+/// Friction holds the arm at its end, so what changes there is the command alone: half a load that is assumed and not there
+/// goes, some 20 codes of joint 2, in 30 ms.
 #[test]
 fn what_is_found_enters_by_degrees_and_is_told() {
     let mut rig = identifying(settings());
     rig.run(ControlLaw::ComputedTorque);
     rig.until(|mode| matches!(mode, Mode::Holding(_)));
     rig.seconds(0.5);
-    let before = rig.tick().command_code;
-    let error_before = rig.status().error_counts;
-    rig.board.hear_of_load(&LoadNews::Found(estimate(0.0)));
+    let mut codes = vec![rig.tick().command_code];
+    let found = LoadNews::Found(estimate(0.0));
+    rig.board.hear_of_load(&found);
     let mut events = Vec::new();
-    let mut codes = vec![before];
-    for _ in 0..400 {
+    for _ in 0..100 {
         let outputs = rig.tick();
         codes.push(outputs.command_code);
         events.extend(outputs.event);
     }
-    let found = LoadNews::Found(estimate(0.0));
     assert!(matches!(events[..], [Event::Load { news, .. }] if news == found), "{events:?}");
-    let error_after = rig.status().error_counts;
-    let sum = |errors: [i32; 2]| errors.iter().map(|error| error.abs()).sum::<i32>();
-    assert!(sum(error_after) < sum(error_before), "{error_before:?}, {error_after:?}");
-    let largest_step =
-        codes.windows(2).flat_map(|pair| [0, 1].map(|joint: usize| pair[1][joint].abs_diff(pair[0][joint])));
-    // Entered at once, half a load would change the command by what holds it: 10 N m, 0.4 A, 49 codes of joint 2.
-    let largest_step = largest_step.max().unwrap();
-    assert!(largest_step <= 24, "{largest_step} codes in a tick");
+    let changed = |from: [u16; 2], to: [u16; 2]| [0, 1].map(|joint: usize| to[joint].abs_diff(from[joint]));
+    let [second, _] = changed(codes[0], codes[100]);
+    assert!(second >= 15, "{second} codes in all");
+    assert_eq!(codes[60], codes[100]);
+    let largest = codes.windows(2).flat_map(|pair| changed(pair[0], pair[1])).max();
+    assert!(largest <= Some(2), "{largest:?} codes in a tick");
 }
 
 #[test]
