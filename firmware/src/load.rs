@@ -52,7 +52,8 @@ pub struct ControlEnd {
 impl ControlEnd {
     /// What the task has to tell.
     pub fn news(&mut self) -> Option<LoadNews> {
-        self.news.dequeue()
+        // Most often there is none, and nothing is to be copied then.
+        if self.news.ready() { self.news.dequeue() } else { None }
     }
 
     /// Passes on a row. One for which there is no room is missed by the task, which then begins anew.

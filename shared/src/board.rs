@@ -203,7 +203,14 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         self.tick = self.tick.wrapping_add(1);
         self.current_code = inputs.current_code;
         self.emergency_stop = inputs.emergency_stop;
-        let mut outputs = Outputs::SAFE;
+        // Not a copy of the constant, which would write every byte of what is none.
+        let mut outputs = Outputs {
+            command_code: [MID_SCALE; 2],
+            amplifier_enable: false,
+            telemetry: None,
+            event: None,
+            load_row: None,
+        };
         if let Some(applied) = &self.parameters.applied {
             let constants = &applied.constants;
             let jump = self.encoders.update(inputs.counts, constants.jump_limit_counts());
@@ -246,10 +253,11 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             self.encoders.update(inputs.counts, [i32::MAX; 2]);
         }
         let tick = self.tick;
-        outputs.event = match self.motion.take_mode_change() {
-            Some(mode) => Some(Event::Mode { tick, mode }),
-            None => self.load.take_event().map(|news| Event::Load { tick, news }),
-        };
+        if let Some(mode) = self.motion.take_mode_change() {
+            outputs.event = Some(Event::Mode { tick, mode });
+        } else if self.load.has_event() {
+            outputs.event = self.load.take_event().map(|news| Event::Load { tick, news });
+        }
         outputs
     }
 

@@ -78,6 +78,12 @@ impl LoadControl {
         self.order.take()
     }
 
+    pub(super) fn has_event(&self) -> bool {
+        self.event.is_some()
+    }
+
+    /// Copies more than a tick without news should.
+    #[inline(never)]
     pub(super) fn take_event(&mut self) -> Option<LoadNews> {
         self.event.take()
     }
@@ -94,6 +100,7 @@ impl LoadControl {
     }
 
     /// What the identification sees of a row recorded under computed torque.
+    #[inline(always)]
     pub(super) fn row(&self, sample: &Sample) -> Option<LoadRow> {
         self.settings.is_some_and(|settings| !settings.by_host).then(|| LoadRow {
             index: sample.index,
@@ -156,10 +163,15 @@ impl LoadControl {
     }
 
     /// One tick: lets a change enter by one degree more.
+    #[inline(always)]
     pub(super) fn enter(&mut self, motion: &mut Motion) {
-        if self.ticks_left == 0 {
-            return;
+        if self.ticks_left != 0 {
+            self.enter_a_degree(motion);
         }
+    }
+
+    #[inline(never)]
+    fn enter_a_degree(&mut self, motion: &mut Motion) {
         self.ticks_left -= 1;
         motion.add_to_f(&self.step);
         for (entered, step) in self.entered.iter_mut().zip(&self.step) {

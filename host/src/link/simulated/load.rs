@@ -76,7 +76,7 @@ impl SimulatedLoad {
             _ => return false,
         }
         let recorded_s = 1e-9 * self.recorded_ns as f64;
-        let due = self.changes.iter().filter(|change| change.at_s < recorded_s).next_back();
+        let due = self.changes.iter().rfind(|change| change.at_s < recorded_s);
         let carried = due.map_or(self.from_start, |change| change.load);
         std::mem::replace(&mut self.carried, carried) != carried
     }
