@@ -82,8 +82,9 @@ static mut IDENTIFIER: MaybeUninit<Identifier> = MaybeUninit::uninit();
 pub fn identifier() -> &'static mut Identifier {
     static TAKEN: AtomicBool = AtomicBool::new(false);
     assert!(!TAKEN.swap(true, Ordering::Relaxed), "taken once");
+    let place = &raw mut IDENTIFIER;
     // SAFETY: nobody else has a reference, because this line is reached once.
-    let place = unsafe { &mut *(&raw mut IDENTIFIER) };
+    let place = unsafe { &mut *place };
     place.write(Identifier::new())
 }
 
