@@ -31,7 +31,7 @@ use crate::{
     interrupt_owned::InterruptOwned,
     last_fault,
     link::{ControlEnd, ExaminedRequest},
-    storage,
+    load, storage,
     timing::Stopwatch,
 };
 
@@ -57,6 +57,8 @@ pub struct Control {
     pub links: [ControlEnd; 2],
     /// The way to the flash memory.
     pub storage: storage::ControlEnd,
+    /// The way to the identification of the load.
+    pub load: load::ControlEnd,
     /// Measures it.
     pub stopwatch: Stopwatch,
 }
@@ -140,6 +142,9 @@ impl Running {
         let current_code = control.measured_currents.finish().expect("the current converter stopped");
 
         let inputs = Inputs { counts, current_code, emergency_stop, deadline_missed: self.deadline_missed };
+        if let Some(news) = control.load.news() {
+            control.board.hear_of_load(&news);
+        }
         let outputs = control.board.tick(&inputs);
 
         // Off before the command changes, on after it has.
@@ -161,6 +166,9 @@ impl Running {
                 link.event(event);
             }
         }
+        if let Some(row) = outputs.load_row {
+            control.load.row(row);
+        }
         if let Some(row) = outputs.telemetry {
             control.links[row.link as usize].telemetry(row);
         }
@@ -174,7 +182,7 @@ impl Running {
         if self.deadline_missed || self.mode_changed {
             return;
         }
-        let Control { board, links, stopwatch, .. } = &mut self.control;
+        let Control { board, links, stopwatch, load, .. } = &mut self.control;
         let states = [links[0].state(), links[1].state()];
         for index in [self.next_link, 1 - self.next_link] {
             let answered = links[index].answer_next(|ExaminedRequest { message, findings }, reply| {
@@ -187,6 +195,7 @@ impl Running {
                 board.answer(Link::ALL[index], message.sequence, &message.request, findings, reply);
             });
             if answered {
+                load.order(|| board.take_load_order());
                 self.next_link = 1 - index;
                 return;
             }

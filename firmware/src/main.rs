@@ -31,6 +31,7 @@ mod last_fault;
 mod link;
 mod link_serial;
 mod link_usb;
+mod load;
 mod safe_output;
 mod storage;
 mod timing;
@@ -50,6 +51,7 @@ use crate::{
     currents::{Amplifiers, MeasuredCurrents},
     encoders::Encoders,
     link::Link,
+    load::Load,
     storage::Storage,
     timing::Stopwatch,
 };
@@ -78,6 +80,9 @@ async fn main(spawner: Spawner) {
     board.restore_stored(&found);
     static STORAGE: ConstStaticCell<Storage> = ConstStaticCell::new(Storage::new());
     let (storage, storage_task) = STORAGE.take().split();
+    static LOAD: ConstStaticCell<Load> = ConstStaticCell::new(Load::new());
+    let (load, load_task) = LOAD.take().split();
+    let identifier = load::identifier();
 
     // Made at run time: their initial values are not all zeros, and would take 4 KB of flash each.
     static USB: StaticCell<Link> = StaticCell::new();
@@ -106,12 +111,14 @@ async fn main(spawner: Spawner) {
         emergency_stop: Input::new(peripherals.PF13, Pull::Up),
         links: [usb, serial],
         storage,
+        load,
         stopwatch: Stopwatch::new(core_peripherals.DCB, core_peripherals.DWT),
     };
     control_interrupt::start(peripherals.TIM1, control);
 
     spawner.spawn(watchdog::feed(watchdog).expect("spawned once"));
     spawner.spawn(storage::store(log, storage_task).expect("spawned once"));
+    spawner.spawn(load::identify(identifier, load_task).expect("spawned once"));
     let port = link_usb::open(peripherals.USB_OTG_FS, peripherals.PA12, peripherals.PA11, &chip_id);
     spawner.spawn(link_usb::run(port.device).expect("spawned once"));
     spawner.spawn(link_usb::receive(port.receiver, usb_receive).expect("spawned once"));

@@ -13,7 +13,7 @@ use shared::protocol::{
 };
 
 pub use interrupt::Interrupt;
-pub use movement::{Movement, MovementPlan, MovementProgress};
+pub use movement::{Movement, MovementPlan, MovementProgress, MovementWatcher, Unwatched};
 pub use session::{ModelReceipt, Pose, SessionError};
 
 use crate::link::{Link, LinkError};
@@ -312,5 +312,9 @@ fn request_name(request: &Request) -> &'static str {
         Request::ReadModel(_) => "reading the model back",
         Request::ClearFault => "clearing the fault",
         Request::ForgetParameters => "forgetting the stored parameters",
+        Request::IdentifyLoad(_) => "identifying loads",
+        Request::UseLoad(_) => "using a load",
+        Request::ForgetLoad => "forgetting the load",
+        Request::ReadLoad => "the question for the load",
     }
 }

@@ -14,6 +14,7 @@ mod flash;
 mod identify;
 mod info;
 mod interrupt;
+mod load;
 mod monitor;
 mod own_model;
 mod progress;
@@ -76,6 +77,8 @@ enum Command {
     Upload(upload::Upload),
     /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
     Track(track::Track),
+    /// Find the mass in the gripper while the arm moves, on the board, and track with it.
+    Load(load::LoadCommand),
     /// Measure the figures that the documentation quotes.
     Bench(bench::Bench),
     /// Make recordings of a given or drawn robot with the simulated board.
@@ -100,6 +103,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Explain(command) => command.run(),
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
+        Command::Load(command) => command.run(),
         Command::Simulate(command) => command.run(),
     }
 }

@@ -38,6 +38,7 @@ pub mod identify;
 pub mod lanes;
 pub mod link;
 pub mod links;
+pub mod load;
 pub mod margins;
 pub mod model;
 pub mod prior;

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 pub use open::{Address, AddressError, open};
 pub use serial::SerialLink;
-pub use simulated::{FlashHistory, MemoryFlash, POWER_CUT, SimulatedBoard, TorqueNoise, complete};
+pub use simulated::{FlashHistory, LoadChange, MemoryFlash, POWER_CUT, SimulatedBoard, TorqueNoise, complete};
 pub use tcp::TcpLink;
 
 /// A byte stream to a board.

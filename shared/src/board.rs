@@ -37,6 +37,7 @@ mod constants;
 mod encoders;
 mod findings;
 mod kept_fault;
+mod load;
 mod motion;
 mod parameters;
 mod path;
@@ -47,14 +48,17 @@ mod storing;
 mod trajectories;
 mod trajectory_check;
 
+use crate::load::{LoadNews, LoadRow};
 use crate::protocol::{
-    BoardIdentity, Configuration, EndedBy, Event, Fault, Link, LinkCounters, Mode, Model, ModelSlot, PackedSample,
-    Refusal, Request, Sample, StoreFailure, Timing,
+    BoardIdentity, Configuration, ControlLaw, EndedBy, Event, Fault, Link, LinkCounters, Mode, Model, ModelSlot,
+    PackedSample, Refusal, Request, Sample, StoreFailure, Timing,
 };
 use crate::storage::{Found, Parameters as Stored};
 use encoders::Encoders;
 pub use findings::Findings;
 pub use kept_fault::KeptFault;
+use load::LoadControl;
+pub use load::LoadOrder;
 use motion::{Motion, Tick};
 use parameters::{Change, Parameters};
 use recording::Recording;
@@ -98,12 +102,15 @@ pub struct Outputs {
     pub telemetry: Option<Telemetry>,
     /// Something to tell on every link: the mode at the end of this tick, if it changed since the last.
     pub event: Option<Event>,
+    /// What the identification of the load is to see of this tick's row.
+    pub load_row: Option<LoadRow>,
 }
 
 impl Outputs {
     /// Amplifiers off, no current asked for: what the firmware writes before the first tick, on a panic and on a
     /// hardware fault.
-    pub const SAFE: Self = Self { command_code: [MID_SCALE; 2], amplifier_enable: false, telemetry: None, event: None };
+    pub const SAFE: Self =
+        Self { command_code: [MID_SCALE; 2], amplifier_enable: false, telemetry: None, event: None, load_row: None };
 }
 
 /// A recorded row on its way to a host.
@@ -121,7 +128,7 @@ pub struct Telemetry {
 /// elsewhere.
 ///
 /// The room is not part of the board, because only a static of zeros costs no flash: the firmware takes it from a
-/// static `[PackedSample::EMPTY; DEFAULT_SAMPLES]` (147 000 bytes of .bss) and builds the board itself, some 12 KB, at
+/// static `[PackedSample::EMPTY; DEFAULT_SAMPLES]` (147 000 bytes of .bss) and builds the board itself, some 13 KB, at
 /// run time.
 #[derive(Clone, Debug)]
 pub struct Board<R> {
@@ -135,6 +142,7 @@ pub struct Board<R> {
     encoders: Encoders,
     motion: Motion,
     recording: Recording<R>,
+    load: LoadControl,
     /// Where to send rows as they are recorded.
     stream: Option<Link>,
     tick: u64,
@@ -157,6 +165,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             encoders: Encoders::new(),
             motion: Motion::new(),
             recording: Recording::new(rows),
+            load: LoadControl::new(),
             stream: None,
             tick: 0,
             current_code: [MID_SCALE; 2],
@@ -194,7 +203,14 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         self.tick = self.tick.wrapping_add(1);
         self.current_code = inputs.current_code;
         self.emergency_stop = inputs.emergency_stop;
-        let mut outputs = Outputs::SAFE;
+        // Not a copy of the constant, which would write every byte of what is none.
+        let mut outputs = Outputs {
+            command_code: [MID_SCALE; 2],
+            amplifier_enable: false,
+            telemetry: None,
+            event: None,
+            load_row: None,
+        };
         if let Some(applied) = &self.parameters.applied {
             let constants = &applied.constants;
             let jump = self.encoders.update(inputs.counts, constants.jump_limit_counts());
@@ -206,6 +222,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     jump,
                     trajectory: self.trajectories.accepted(),
                 };
+                self.load.enter(&mut self.motion);
                 match self.motion.step(&tick) {
                     Ok(step) => {
                         outputs.command_code = step.command_code;
@@ -215,6 +232,9 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                         }
                         if let Some(sample) = step.sample {
                             self.recording.push(&sample);
+                            if self.motion.mode().law() == Some(ControlLaw::ComputedTorque) {
+                                outputs.load_row = self.load.row(&sample);
+                            }
                             let movement = self.recording.info().movement;
                             outputs.telemetry = self.stream.map(|link| Telemetry { link, movement, sample });
                         }
@@ -233,7 +253,11 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             self.encoders.update(inputs.counts, [i32::MAX; 2]);
         }
         let tick = self.tick;
-        outputs.event = self.motion.take_mode_change().map(|mode| Event::Mode { tick, mode });
+        if let Some(mode) = self.motion.take_mode_change() {
+            outputs.event = Some(Event::Mode { tick, mode });
+        } else if self.load.has_event() {
+            outputs.event = self.load.take_event().map(|news| Event::Load { tick, news });
+        }
         outputs
     }
 
@@ -289,6 +313,17 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
         self.storing.end(result);
     }
 
+    /// What the identification of the load is to do, once after each change. To be asked after every request.
+    pub fn take_load_order(&mut self) -> Option<LoadOrder> {
+        self.load.take_order()
+    }
+
+    /// The identification of the load has something to tell, which may change what computed torque runs with. To be
+    /// called between two ticks.
+    pub fn hear_of_load(&mut self, news: &LoadNews) {
+        self.load.hear(news, self.tick, u64::from(self.loop_period_ns()));
+    }
+
     /// Takes in what the firmware measured, to be shown by `info`.
     pub fn report_timing(&mut self, timing: Timing) {
         self.timing = timing;
@@ -311,6 +346,7 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
     fn configuration_changed(&mut self, change: Change) {
         if change != Change::Nothing {
             self.trajectories.clear();
+            self.load.forget();
         }
         if change == Change::Robot {
             self.encoders.forget_pose();

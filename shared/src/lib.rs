@@ -7,7 +7,7 @@
 //!    └──── trajectory ── control ── board         references, control laws, the whole board as a state machine
 //!                protocol ──┘                     what travels between board and host
 //!                storage  ──┘                     what the board keeps over a restart
-//! genetic                                         the genetic algorithm, for any objective
+//! genetic ── load                                 the genetic algorithm, and what it finds while the arm moves
 //! ```
 //!
 //! Nothing here allocates, panics on data, or touches hardware.
@@ -25,6 +25,7 @@ pub mod drive;
 pub mod dual;
 pub mod effects;
 pub mod genetic;
+pub mod load;
 pub mod machine;
 pub mod plant;
 pub mod protocol;

@@ -21,6 +21,7 @@ mod configuration;
 mod fault;
 mod frame;
 mod limits;
+mod load;
 mod messages;
 mod model;
 mod recording;
@@ -38,6 +39,7 @@ pub use fault::{Fault, SourcePlace};
 pub(crate) use frame::{Checksum, crc_32};
 pub use frame::{Decoder, EncodeError, FrameCounters, FrameError, encode_board_message, encode_host_message};
 pub use limits::{ActiveLimit, LimitsActive};
+pub use load::LoadReport;
 pub use messages::{
     BoardMessage, Event, HostMessage, ModelSlot, POINTS_PER_FRAME, Reply, Request, TrajectoryPart, TrajectoryPhase,
     TrajectoryState,
@@ -49,7 +51,7 @@ pub use status::{BoardIdentity, ControlLaw, Info, Link, LinkCounters, Mode, Rese
 pub use stored::{StoreFailure, StoreState, StoredParameters};
 
 /// Version of everything in this module but the handshake; raised with every change of a message's layout.
-pub const PROTOCOL_VERSION: u8 = 3;
+pub const PROTOCOL_VERSION: u8 = 4;
 
 /// Header byte of the messages whose layout is frozen for ever: [`Request::Hello`] and [`Reply::WrongVersion`].
 pub const HANDSHAKE_HEADER: u8 = 0;

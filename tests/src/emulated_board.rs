@@ -49,6 +49,7 @@ use rigless::emulator::{self, Host, Start};
 use rigless::image::Image;
 use rigless::session::Session;
 use rigless::time::VirtualNanos;
+use shared::arm::PARAMETERS;
 
 use arm::SimulatedArm;
 use bench::Bench;
@@ -188,6 +189,11 @@ impl EmulatedBoard {
     /// Turns a motor by hand, with the arm uncoupled, as time goes on.
     pub fn turn_by_hand(&self, turn: Turn) {
         self.with(|conversation| conversation.next().turn = Some(turn));
+    }
+
+    /// The arm carries something from now on that adds this to its f1..f9.
+    pub fn carry(&self, added_f: [f64; PARAMETERS]) {
+        self.with(|conversation| conversation.next().added_f = Some(added_f));
     }
 
     /// Does something to the chip itself, between two instructions, and returns what that gives. Panics when the

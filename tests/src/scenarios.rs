@@ -10,6 +10,7 @@ mod faults;
 mod frames;
 mod identification;
 mod line;
+mod load;
 mod movements;
 mod native;
 mod periods;
@@ -23,6 +24,7 @@ use armid::hidden_robot::HiddenRobot;
 use armid::link::{Link, MemoryFlash};
 use armid::model::Effect;
 use armid::robot::Robot;
+use shared::arm::Load;
 use shared::protocol::Link as BoardLink;
 
 use crate::emulated_board::observations::Observations;
@@ -35,6 +37,7 @@ pub use faults::*;
 pub use frames::*;
 pub use identification::*;
 pub use line::*;
+pub use load::*;
 pub use movements::*;
 pub use native::NativeBoard;
 pub use periods::*;
@@ -100,6 +103,9 @@ pub trait BoardUnderTest {
     /// Turns a motor by hand as time goes on, with the arm uncoupled.
     fn turn_by_hand(&self, turn: Turn);
 
+    /// The arm carries `load` from now on, whatever it carried before.
+    fn carry(&self, load: &Load<f64>);
+
     /// Sets both hardware counters. Only before anything has moved.
     fn set_counters(&self, counts: [u32; 2]);
 
@@ -138,6 +144,7 @@ macro_rules! test_every_scenario {
             damaged_frames_change_nothing_and_are_counted
             old_frames_are_not_carried_out_again
             frames_of_another_version_are_answered_and_do_nothing
+            a_load_is_identified_on_the_board_when_it_is_picked_and_dropped
             counters_may_wrap_during_a_movement
             every_edge_counts_up_to_ten_times_the_fastest_movement
             a_motor_that_trembles_about_an_edge_loses_no_count

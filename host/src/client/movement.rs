@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use shared::load::LoadNews;
 use shared::protocol::{
     BoardMessage, ControlLaw, EndedBy, Event, Mode, POINTS_PER_FRAME, ROWS_PER_FRAME, RecordingInfo, Reply, Request,
     Sample, TrajectoryPart, TrajectoryState,
@@ -66,6 +67,25 @@ pub struct Movement {
     pub partial: Option<String>,
 }
 
+/// Looks on while a movement runs, and may have its say.
+pub trait MovementWatcher {
+    /// A row came with the stream; what is returned is asked of the board at once.
+    fn row(&mut self, sample: &Sample) -> Option<Request> {
+        let _ = sample;
+        None
+    }
+
+    /// The board's identification of the load has come further.
+    fn load(&mut self, tick: u64, news: &LoadNews) {
+        let _ = (tick, news);
+    }
+}
+
+/// Nobody looks on.
+pub struct Unwatched;
+
+impl MovementWatcher for Unwatched {}
+
 impl Client {
     /// Loads a trajectory and waits for the board's verdict.
     pub fn load_trajectory(&mut self, trajectory: &Trajectory) -> Result<(Margins, u32), ClientError> {
@@ -125,6 +145,16 @@ impl Client {
         plan: &MovementPlan,
         progress: &mut dyn FnMut(MovementProgress),
     ) -> Result<Movement, ClientError> {
+        self.run_watched(plan, progress, &mut Unwatched)
+    }
+
+    /// [`Self::run`] with somebody looking on.
+    pub fn run_watched(
+        &mut self,
+        plan: &MovementPlan,
+        progress: &mut dyn FnMut(MovementProgress),
+        watcher: &mut dyn MovementWatcher,
+    ) -> Result<Movement, ClientError> {
         self.arm()?;
         let request = Request::Run { law: plan.law, stream: true, settle_ns: plan.settle_ns };
         let started = match self.request(request) {
@@ -135,7 +165,7 @@ impl Client {
         let (movement, planned_rows) = started;
         let mut stream = BTreeMap::new();
         progress(MovementProgress::Approaching);
-        let collected = self.collect(movement, planned_rows, &mut stream, progress);
+        let collected = self.collect(movement, planned_rows, &mut stream, progress, watcher);
         let recorded = collected.and_then(|info| {
             // The arm stands at the end of the movement: switch off, the brakes hold it.
             if !matches!(info.ended, Some(EndedBy::Fault(_))) {
@@ -177,6 +207,7 @@ impl Client {
         planned_rows: u32,
         stream: &mut BTreeMap<u32, Sample>,
         progress: &mut dyn FnMut(MovementProgress),
+        watcher: &mut dyn MovementWatcher,
     ) -> Result<RecordingInfo, ClientError> {
         let mut heeded = 0;
         loop {
@@ -191,11 +222,15 @@ impl Client {
                 match message {
                     BoardMessage::Telemetry { movement: of, sample } if of == movement => {
                         stream.insert(sample.index, sample);
+                        if let Some(request) = watcher.row(&sample) {
+                            self.request(request)?;
+                        }
                         progress(MovementProgress::Running { rows: stream.len() as u32, planned: planned_rows });
                     }
                     BoardMessage::Event(Event::Mode { mode, .. }) => {
                         over = matches!(mode, Mode::Holding(_) | Mode::Fault(_) | Mode::Idle);
                     }
+                    BoardMessage::Event(Event::Load { tick, news }) => watcher.load(tick, &news),
                     _ => {}
                 }
                 // A steady stream must not keep the host from showing that it is there.
@@ -211,10 +246,12 @@ impl Client {
             if info.movement == movement && info.ended.is_some() && !status.mode.is_moving() {
                 // Rows that were on the way when the end was told have arrived before this answer.
                 for message in self.unasked.drain(..) {
-                    if let BoardMessage::Telemetry { movement: of, sample } = message
-                        && of == movement
-                    {
-                        stream.insert(sample.index, sample);
+                    match message {
+                        BoardMessage::Telemetry { movement: of, sample } if of == movement => {
+                            stream.insert(sample.index, sample);
+                        }
+                        BoardMessage::Event(Event::Load { tick, news }) => watcher.load(tick, &news),
+                        _ => {}
                     }
                 }
                 return Ok(info);

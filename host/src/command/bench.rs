@@ -4,6 +4,7 @@ mod certainty;
 mod explain;
 mod ga;
 mod identify;
+mod load;
 mod paper;
 mod track;
 
@@ -28,6 +29,8 @@ enum What {
     Identify(identify::Identify),
     /// The genetic algorithm beside differential evolution and CMA-ES: success rate and evaluations over seeds.
     Ga(ga::Ga),
+    /// Loads taken up by arms whose model is wrong: mass error, whether its stated error holds, false triggers.
+    Load(load::Load),
     /// How near f comes to the truth on robots never seen, and whether its standard errors hold.
     Certainty(certainty::Certainty),
     /// Tracking with identified models on arms never seen, what limits it, and the bandwidths beside others.
@@ -41,6 +44,7 @@ impl Bench {
             What::Paper(paper) => paper.run(),
             What::Identify(identify) => identify.run(),
             What::Ga(ga) => ga.run(),
+            What::Load(load) => load.run(),
             What::Certainty(certainty) => certainty.run(),
             What::Track(study) => study.run(),
         }

@@ -9,6 +9,7 @@ use armid::client::{Client, Pose};
 use armid::compensation;
 use armid::hidden_robot::HiddenRobot;
 use armid::link::{self, Address, SimulatedBoard};
+use armid::load;
 use armid::margins::ArmLoop;
 use armid::model::{Effect, Model};
 use armid::recording::{Manifest, ReadOptions, Recording};
@@ -59,6 +60,9 @@ pub struct BoardArguments {
     /// repeated
     #[arg(long = "effect", value_name = "EFFECT")]
     pub effects: Vec<String>,
+    /// Load in the gripper of the simulated board's hidden robot from the start, kg
+    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    pub load_kg: Option<f64>,
     /// Declare the pose the arm has now: joint angles Q2,Q3 in rad
     #[arg(long, value_name = "Q2,Q3", allow_hyphen_values = true)]
     pub pose: Option<JointAngles>,
@@ -66,6 +70,9 @@ pub struct BoardArguments {
     #[arg(long)]
     pub clear_fault: bool,
 }
+
+/// Largest load of a simulated robot, kg: four times what the paper's robot carries.
+const LARGEST_SIMULATED_LOAD_KG: f64 = 10.0;
 
 /// Two joint angles in rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,14 +93,35 @@ impl BoardArguments {
     /// Connects to the board.
     pub fn connect(&self, robot: &Robot) -> Result<Client, CommandError> {
         let address = self.board.clone().unwrap_or(Address::ANY_USB);
-        if !self.effects.is_empty() {
+        if self.load_kg.is_some() || !self.effects.is_empty() {
+            let option = if self.load_kg.is_some() { "--load-kg" } else { "--effect" };
             if address != Address::Simulated {
-                return Err(CommandError::Usage("--effect is for a simulated board; add --board sim".into()));
+                return Err(CommandError::Usage(format!("{option} is for a simulated board; add --board sim")));
             }
             let hidden = with_effects(HiddenRobot::draw(robot, self.seed), &self.effects, robot)?;
-            return Ok(Client::connect(Box::new(SimulatedBoard::new(robot, hidden, self.seed)))?);
+            let carried = load::held(self.simulated_load_kg()?);
+            let board = SimulatedBoard::new(robot, hidden, self.seed).with_load(carried, &[]);
+            return Ok(Client::connect(Box::new(board))?);
         }
         Ok(Client::connect(link::open(&address, robot, self.seed)?)?)
+    }
+
+    fn simulated_load_kg(&self) -> Result<f64, CommandError> {
+        let mass_kg = self.load_kg.unwrap_or(0.0);
+        if (0.0..=LARGEST_SIMULATED_LOAD_KG).contains(&mass_kg) {
+            return Ok(mass_kg);
+        }
+        Err(CommandError::Usage(format!("--load-kg {mass_kg} is not from 0 to {LARGEST_SIMULATED_LOAD_KG} kg")))
+    }
+
+    /// The same board with nothing in the gripper.
+    pub fn empty_handed(&self) -> Self {
+        Self { load_kg: None, ..self.clone() }
+    }
+
+    /// Whether the board is one in this process.
+    pub fn is_simulated(&self) -> bool {
+        self.board == Some(Address::Simulated)
     }
 
     /// Connects, and makes the board ready to move `robot`.

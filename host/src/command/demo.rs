@@ -1,6 +1,7 @@
 //! `armid demo`: the whole chain on a simulated robot whose parameters the tool does not know.
 
 mod explain;
+mod load;
 
 use std::path::{Path, PathBuf};
 
@@ -28,7 +29,8 @@ const TRACKING_PERIOD_S: f64 = 3.65;
 
 const EXAMPLES: &str = "Examples:
   armid demo                    identify a hidden robot, then track with what was found
-  armid demo explain --seed 3   find what the model lacks, name it, add it, track better";
+  armid demo explain --seed 3   find what the model lacks, name it, add it, track better
+  armid demo load               pick up a load and drop it mid-motion; the board finds its mass";
 
 /// Arguments of `demo`.
 #[derive(Debug, Args)]
@@ -77,12 +79,16 @@ impl Common {
 enum Story {
     /// Show how an effect that the model lacks is found, named, added and compensated.
     Explain(explain::ExplainDemo),
+    /// Show how a load that is picked up and dropped while the arm moves is noticed, identified and carried.
+    Load(load::LoadDemo),
 }
 
 impl Demo {
     pub fn run(&self) -> Result<(), CommandError> {
-        if let Some(Story::Explain(story)) = &self.story {
-            return story.run();
+        match &self.story {
+            Some(Story::Explain(story)) => return story.run(),
+            Some(Story::Load(story)) => return story.run(),
+            None => {}
         }
         let robot = Robot::paper();
         let truth = HiddenRobot::draw(&robot, self.common.seed);

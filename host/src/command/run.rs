@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use armid::capture::{self, Circumstances};
-use armid::client::{Client, Movement, MovementPlan};
+use armid::client::{Client, Movement, MovementPlan, MovementWatcher, Unwatched};
 use armid::recording::{Mode, Recording};
 use armid::robot::Robot;
 use shared::protocol::{ControlLaw, LimitsActive};
@@ -26,6 +26,11 @@ impl Run<'_> {
     ///
     /// A movement that ended early still gives its recording, marked as partial.
     pub fn on(&self, client: &mut Client) -> Result<Ran, CommandError> {
+        self.watched(client, &mut Unwatched)
+    }
+
+    /// [`Self::on`] with somebody looking on.
+    pub fn watched(&self, client: &mut Client, watcher: &mut dyn MovementWatcher) -> Result<Ran, CommandError> {
         client.load_trajectory(&self.movement.trajectory)?;
         let law = match self.mode {
             Mode::P => ControlLaw::Position,
@@ -34,7 +39,7 @@ impl Run<'_> {
         let plan = MovementPlan { law, settle_ns: self.movement.settle_ns };
         let mut show = progress::of_movement(&self.movement.name);
         client.end_movements_on(interrupt::watch(&CTRL_C));
-        let movement = client.run(&plan, &mut show);
+        let movement = client.run_watched(&plan, &mut show, watcher);
         interrupt::leave();
         let movement = movement?;
         report(&movement);

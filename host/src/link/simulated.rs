@@ -11,10 +11,12 @@
 
 mod arm;
 mod flash;
+mod load;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use shared::arm::Load;
 use shared::board::{Board, DEFAULT_SAMPLES, Inputs, MID_SCALE, Telemetry};
 use shared::protocol::{
     BoardIdentity, BoardMessage, CurrentScale, Decoder, FrameError, Link as BoardLink, LinkCounters, MAX_FRAME, Mode,
@@ -24,6 +26,8 @@ use shared::storage::Log;
 
 use arm::SimulatedArm;
 pub use flash::{FlashHistory, MemoryFlash, POWER_CUT, complete};
+pub use load::LoadChange;
+use load::SimulatedLoad;
 
 use super::{Link, LinkError};
 use crate::hidden_robot::HiddenRobot;
@@ -75,6 +79,7 @@ pub struct SimulatedBoard {
     telemetry_dropped: u32,
     flash: MemoryFlash,
     log: Log,
+    load: SimulatedLoad,
     /// Until when the memory is busy, and what the board hears then.
     storing: Option<(u64, Result<(), StoreFailure>)>,
     /// When power fails: in the middle of what is being stored.
@@ -124,6 +129,7 @@ impl SimulatedBoard {
             telemetry_dropped: 0,
             flash,
             log,
+            load: SimulatedLoad::new(robot.upper_arm_m()),
             storing: None,
             power_fails_ns: None,
             restarts: 0,
@@ -140,6 +146,20 @@ impl SimulatedBoard {
     /// The robot inside, to compare what was found with.
     pub fn truth(&self) -> &HiddenRobot {
         &self.hidden
+    }
+
+    /// With something in the gripper, from the start and at every change of `changes`, whose times count from the start of
+    /// each movement that is recorded under computed torque.
+    pub fn with_load(mut self, from_start: Load<f64>, changes: &[LoadChange]) -> Self {
+        self.load.carry(from_start, changes);
+        self.arm.set_load(self.load.added_f());
+        self
+    }
+
+    /// The arm carries `load` from now on, whatever it carried before.
+    pub fn carry(&mut self, load: &Load<f64>) {
+        self.load.carry(*load, &[]);
+        self.arm.set_load(self.load.added_f());
     }
 
     /// With the encoders of a real board: all their cells are one count wide, while that of 0 is two counts wide after
@@ -205,6 +225,7 @@ impl SimulatedBoard {
         self.log = log;
         self.board = Board::new(self.board.identity().clone(), vec![PackedSample::EMPTY; DEFAULT_SAMPLES]);
         self.board.restore_stored(&found);
+        self.load.restart();
         self.storing = None;
         self.power_fails_ns = None;
         self.from_host = Decoder::new();
@@ -264,6 +285,10 @@ impl SimulatedBoard {
         let outputs = self.board.tick(&inputs);
         self.command_code = outputs.command_code;
         self.board.advance_check();
+        if self.load.pass(self.board.mode(), period_ns) {
+            self.arm.set_load(self.load.added_f());
+        }
+        self.load.identify(&mut self.board, outputs.load_row, period_ns);
         if !outputs.amplifier_enable {
             self.switch_off();
         } else {

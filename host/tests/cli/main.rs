@@ -4,6 +4,7 @@ mod bad_input;
 mod bench;
 mod board;
 mod effects;
+mod load;
 mod tracking;
 
 use std::path::Path;
@@ -19,7 +20,8 @@ fn help_documents_the_exit_codes() {
     let codes =
         ["0  done", "1  failed", "2  wrong usage", "3  bad input file", "4  board unreachable", "5  refused as unsafe"];
     assert!(codes.iter().all(|code| help.contains(code)), "{help}");
-    for command in ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "simulate"] {
+    for command in ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "load", "simulate"]
+    {
         assert!(help.contains(command));
         bench.done(&format!("{command} --help"));
     }

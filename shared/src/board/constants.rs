@@ -1,9 +1,10 @@
 //! The configuration turned into what a tick needs, once.
 
 use super::MID_SCALE;
-use crate::arm::{Arm, PARAMETERS};
+use crate::arm::{Arm, Load, PARAMETERS};
 use crate::control::{ComputedTorque, ComputedTorqueSettings, PositionLoop};
 use crate::drive::Drive;
+use crate::load::{LoadSettings, LoadSetup};
 use crate::protocol::{Configuration, CurrentScale, Joint, JointCompensation, Model};
 use crate::trajectory::MotionLimits;
 
@@ -162,19 +163,39 @@ impl Constants {
         [second, third]: &[JointCompensation; 2],
         position_rad: [f32; 2],
     ) -> ComputedTorque<f32> {
-        let drive = |joint: Joint| Drive {
-            viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad[joint.index()],
-            coulomb_friction_nm: model.coulomb_friction_nm[joint.index()],
-            ..self.joints[joint.index()].drive
-        };
         ComputedTorque::with_effects(
             Arm { f: model.f, gravity_m_s2: self.gravity_m_s2 },
-            Joint::ALL.map(drive),
+            self.drives(model),
             [&second.effects(), &third.effects()],
             self.computed_torque,
             self.loop_period_ns as f32 * 1.0e-9,
             position_rad,
         )
+    }
+
+    /// The drives with the model's friction.
+    #[inline(always)]
+    fn drives(&self, model: &TorqueModel) -> [Drive<f32>; 2] {
+        Joint::ALL.map(|joint| Drive {
+            viscous_friction_nm_s_per_rad: model.viscous_friction_nm_s_per_rad[joint.index()],
+            coulomb_friction_nm: model.coulomb_friction_nm[joint.index()],
+            ..self.joints[joint.index()].drive
+        })
+    }
+
+    /// What the identification of a load needs to know.
+    pub(super) fn load_setup(&self, model: &TorqueModel, settings: &LoadSettings, assumed: &Load<f32>) -> LoadSetup {
+        LoadSetup {
+            settings: *settings,
+            f: model.f,
+            gravity_m_s2: self.gravity_m_s2,
+            drives: self.drives(model),
+            a_per_code: self.joints.map(|joint| 1.0 / joint.dac_codes_per_a),
+            offset_a: self.joints.map(|joint| joint.dac_offset_a),
+            period_s: self.loop_period_ns as f32 * 1.0e-9,
+            command_delay_s: (self.ahead_ns - self.loop_period_ns / 2) as f32 * 1.0e-9,
+            assumed: *assumed,
+        }
     }
 }
 

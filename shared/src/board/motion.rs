@@ -5,6 +5,7 @@ use super::encoders::Jump;
 use super::path::{Clock, HeldCounts, Path};
 use super::trajectories::Accepted;
 use super::{Inputs, MID_SCALE};
+use crate::arm::PARAMETERS;
 use crate::control::{ComputedTorque, ComputedTorqueInput};
 use crate::protocol::{ActiveLimit, ControlLaw, Fault, Joint, LimitsActive, Link, Mode, Sample};
 use crate::scalar::Scalar as _;
@@ -218,6 +219,13 @@ impl Motion {
     pub(super) fn change_model(&mut self, next: &ComputedTorque<f32>) {
         if let Law::ComputedTorque(controller) = &mut self.law {
             controller.change_to(next);
+        }
+    }
+
+    /// Adds to f1..f9 of the model that computed torque runs with, where it does.
+    pub(super) fn add_to_f(&mut self, added: &[f32; PARAMETERS]) {
+        if let Law::ComputedTorque(controller) = &mut self.law {
+            controller.add_to_f(added);
         }
     }
 

@@ -3,6 +3,7 @@
 use super::motion::Start;
 use super::session::{Order, Outcome};
 use super::{Board, Findings, LONGEST_SETTLE_NS};
+use crate::load::{LoadNews, LoadSettings};
 use crate::protocol::{
     ControlLaw, EndedBy, Info, Joint, Link, Mode, ModelSlot, PROTOCOL_VERSION, PackedSample, Refusal, Reply, Request,
     Status, TrajectoryPart,
@@ -87,6 +88,9 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
     /// is to be; a copy of one costs as much as a law of control.
     fn report(&self, request: &Request, reply: &mut Reply) {
         match request {
+            Request::IdentifyLoad(_) | Request::ForgetLoad | Request::UseLoad(_) | Request::ReadLoad => {
+                *reply = Reply::Load(self.load.report());
+            }
             Request::Hello { .. } => *reply = Reply::Info(self.info()),
             Request::Status => *reply = Reply::Status(self.status()),
             Request::LoadTrajectory(_) | Request::ReadTrajectory => self.trajectories.report(reply),
@@ -116,7 +120,19 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             | Request::ReadTrajectory
             | Request::RecordingInfo
             | Request::ReadRecording { .. }
-            | Request::ReadModel(_) => {}
+            | Request::ReadModel(_)
+            | Request::ReadLoad => {}
+            Request::IdentifyLoad(settings) => self.identify_load(settings)?,
+            Request::UseLoad(estimate) => {
+                if !self.load.accepts(estimate) {
+                    return Err(Refusal::BadLoad);
+                }
+                self.hear_of_load(&LoadNews::Found(*estimate));
+            }
+            Request::ForgetLoad => {
+                self.not_moving()?;
+                self.load.forget();
+            }
             Request::Configure(part) => {
                 self.only_idle()?;
                 self.parameters.stage_part(part);
@@ -152,7 +168,12 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
                     && let Some(held) = self.parameters.model(ModelSlot::Active)
                 {
                     // Where it stands it knows itself.
-                    let next = applied.constants.computed_torque(&held.torque_model, &held.compensation(), [0.0; 2]);
+                    let mut next =
+                        applied.constants.computed_torque(&held.torque_model, &held.compensation(), [0.0; 2]);
+                    // The load stays in the gripper, and is identified from now on with the new model.
+                    if let Some(added) = self.load.begin(&applied.constants, held) {
+                        next.add_to_f(&added);
+                    }
                     self.motion.change_model(&next);
                 }
                 self.storing.keep();
@@ -210,6 +231,22 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             Some(held) => Reply::Model { slot, model: Some(held.model), crc: held.crc },
             None => Reply::Model { slot, model: None, crc: 0 },
         };
+    }
+
+    fn not_moving(&self) -> Result<(), Refusal> {
+        if self.mode().is_moving() { Err(self.wrong_mode()) } else { Ok(()) }
+    }
+
+    fn identify_load(&mut self, settings: &LoadSettings) -> Result<(), Refusal> {
+        self.not_moving()?;
+        let constants = &self.parameters.applied()?.constants;
+        let (loop_ns, record_ns) = (constants.loop_period_ns, constants.record_period_ns);
+        if loop_ns != record_ns {
+            return Err(Refusal::LoadNeedsEveryTick { loop_ns, record_ns });
+        }
+        settings.check().map_err(Refusal::Load)?;
+        self.load.configure(settings);
+        Ok(())
     }
 
     fn set_position(&mut self, position_rad: [f64; 2]) -> Result<(), Refusal> {
@@ -289,8 +326,13 @@ impl<R: AsRef<[PackedSample]> + AsMut<[PackedSample]>> Board<R> {
             constants.record_period_ns,
         )
         .map_err(Refusal::Limit)?;
-        let computed_torque =
-            model.map(|held| constants.computed_torque(&held.torque_model, &held.compensation(), from_rad));
+        let computed_torque = model.map(|held| {
+            let mut controller = constants.computed_torque(&held.torque_model, &held.compensation(), from_rad);
+            if let Some(added) = self.load.begin(constants, held) {
+                controller.add_to_f(&added);
+            }
+            controller
+        });
         let approach_ns = approach.duration_ns().saturating_add(settle_ns);
         let (configuration_crc, model_crc) = (applied.crc, model.map(|held| held.crc));
         let rows = accepted.rows;

@@ -18,7 +18,7 @@
 //! that is 70 µN m, which ω holds to 70e-6/(5.6 · 200²) rad, 5e-6 counts. Angles up to 2 rad are rounded to 0.12 µrad,
 //! 1/600 count, by `f32` itself. `micromath` is not used: its 1e-3 would be 0.004 counts here, but 27 in a reference.
 
-use crate::arm::{Arm, Pose};
+use crate::arm::{Arm, PARAMETERS, Pose};
 use crate::drive::{Drive, centre_of_count};
 use crate::effects::{DriveFeedforward, Instant, JointEffects};
 use crate::scalar::Number;
@@ -253,6 +253,13 @@ impl<S: Number> ComputedTorque<S> {
             self.velocity_rad_s[joint] += self.period_s * acceleration;
         }
         ComputedTorqueOutput { command_a: command, unlimited_command_a: unlimited }
+    }
+
+    /// Adds to the model's f1..f9, in their units: for a load taken up or set down. The observer goes on as it is.
+    pub fn add_to_f(&mut self, added: &[S; PARAMETERS]) {
+        for (f, &added) in self.arm.f.iter_mut().zip(added) {
+            *f += added;
+        }
     }
 
     /// The observer's estimate of the joint velocities at the next sampling instant, rad/s.

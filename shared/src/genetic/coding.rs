@@ -23,7 +23,7 @@ pub enum Coding {
 impl Coding {
     /// The gene of `bits` bits (1 to 32) nearest to `value`, which is first clamped to the range.
     pub fn encode(self, value: f64, range: Range, bits: u32) -> u32 {
-        let fraction = (value.clamp(range.low, range.high) - range.low) / (range.high - range.low);
+        let fraction = (value.max(range.low).min(range.high) - range.low) / (range.high - range.low);
         let level = (fraction * f64::from(highest_level(bits)) + 0.5) as u32;
         match self {
             Self::Binary => level,

@@ -1,6 +1,9 @@
 //! The messages themselves.
 
-use super::{ConfigurationPart, ControlLaw, Info, Mode, Model, RecordingInfo, RecordingRows, Refusal, Sample, Status};
+use super::{
+    ConfigurationPart, ControlLaw, Info, LoadReport, Mode, Model, RecordingInfo, RecordingRows, Refusal, Sample, Status,
+};
+use crate::load::{LoadEstimate, LoadNews, LoadSettings};
 use crate::trajectory::{Fourier, LimitError, Margins, Paper};
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -95,6 +98,16 @@ pub enum Request {
     /// Forgets what is kept over a restart; what is active stays active until then. Only in [`Mode::Idle`].
     /// → [`Reply::Done`] as soon as that is noted; [`Status::stored`] says when it is done.
     ForgetParameters,
+    /// From the next movement under computed torque on a load is assumed and identified; not during a movement, and only
+    /// where every loop tick is recorded. Forgotten with the configuration. → [`Reply::Load`].
+    IdentifyLoad(LoadSettings),
+    /// From the next movement on no load is assumed; not during a movement. → [`Reply::Load`].
+    ForgetLoad,
+    /// A host has found the load: it enters computed torque, in every mode and by degrees. Only after
+    /// [`Self::IdentifyLoad`]. → [`Reply::Load`].
+    UseLoad(LoadEstimate),
+    /// What load is assumed and found? → [`Reply::Load`].
+    ReadLoad,
 }
 
 /// One of the two models the board holds.
@@ -241,6 +254,8 @@ pub enum Reply {
     },
     /// Not done.
     Refused(Refusal),
+    /// What load the board assumes.
+    Load(LoadReport),
 }
 
 /// What the board tells unasked.
@@ -252,5 +267,12 @@ pub enum Event {
         tick: u64,
         /// The new mode, with the fault if it is one.
         mode: Mode,
+    },
+    /// The identification of a load has come further.
+    Load {
+        /// Loop tick at which the board heard of it.
+        tick: u64,
+        /// How far.
+        news: LoadNews,
     },
 }

@@ -1,6 +1,7 @@
 //! Why a request was not carried out.
 
 use super::{ConfigurationError, Mode, ModelError, PartName};
+use crate::load::LoadSettingError;
 use crate::trajectory::LimitError;
 use serde::{Deserialize, Serialize};
 
@@ -113,6 +114,25 @@ pub enum Refusal {
         host: u32,
         /// CRC of what the board received.
         board: u32,
+    },
+    /// A setting of the load identification is outside its limits.
+    #[error("{0}")]
+    Load(LoadSettingError),
+    /// A load that cannot be, or none is to be identified.
+    #[error(
+        "no load can be used, or not this one: ask the board to identify loads first, with a largest mass above this one"
+    )]
+    BadLoad,
+    /// Not every loop tick is recorded, so the commands in between are not known.
+    #[error(
+        "a load is identified only where every loop tick is recorded: the loop runs every {loop_ns} ns, rows come every \
+         {record_ns} ns; make loop_period_s and record_period_s of the robot file equal"
+    )]
+    LoadNeedsEveryTick {
+        /// Loop period in ns.
+        loop_ns: u64,
+        /// Record period in ns.
+        record_ns: u64,
     },
 }
 

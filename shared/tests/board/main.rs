@@ -2,6 +2,7 @@
 
 mod faults;
 mod kept_faults;
+mod load;
 mod movements;
 mod requests;
 mod rig;
@@ -14,5 +15,5 @@ fn it_fits_the_chip() {
     use shared::board::{Board, DEFAULT_SAMPLES};
     use shared::protocol::PackedSample;
     assert_eq!(size_of::<[PackedSample; DEFAULT_SAMPLES]>(), 147_000);
-    assert!(size_of::<Board<&'static mut [PackedSample]>>() <= 12 * 1024);
+    assert!(size_of::<Board<&'static mut [PackedSample]>>() <= 13 * 1024);
 }

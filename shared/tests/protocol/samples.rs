@@ -1,6 +1,7 @@
 //! Messages of every kind, at their longest and at random.
 
 use proptest::prelude::*;
+use shared::load::{LoadEstimate, LoadNews, LoadSettings, Rejected};
 use shared::protocol::*;
 use shared::trajectory::{
     Fourier, Harmonic, LimitError, MAX_HARMONICS, Margin, Margins, MotionLimits, Paper, Part, Quantity,
@@ -114,6 +115,13 @@ pub fn longest_requests() -> Vec<Request> {
         Request::ReadModel(ModelSlot::Active),
         Request::ClearFault,
         Request::ForgetParameters,
+        Request::IdentifyLoad(LoadSettings {
+            collect_rows: u16::MAX,
+            ..LoadSettings::known_grasp(2.5, 0.4318, [-0.02, -0.53])
+        }),
+        Request::ForgetLoad,
+        Request::UseLoad(longest_estimate()),
+        Request::ReadLoad,
     ];
     requests.extend(configuration().parts().map(Request::Configure));
     requests
@@ -127,6 +135,10 @@ pub fn longest_sample() -> Sample {
         current_code: [4095; 2],
         command_code: [4095; 2],
     }
+}
+
+fn longest_estimate() -> LoadEstimate {
+    LoadEstimate { mass_kg: 1.72, standard_error_kg: 0.03, rows: u16::MAX, ..LoadEstimate::NONE }
 }
 
 /// Every reply and every other message of the board, with the longest contents it can have.
@@ -230,6 +242,18 @@ pub fn longest_board_messages() -> Vec<BoardMessage> {
         },
         Reply::Refused(Refusal::WrongMode { mode: Mode::Fault(fault) }),
         Reply::Refused(Refusal::Storing),
+        Reply::Refused(Refusal::LoadNeedsEveryTick { loop_ns: u64::MAX, record_ns: u64::MAX }),
+        Reply::Load(LoadReport {
+            settings_active: true,
+            assumed_kg: 1.25,
+            found: Some(longest_estimate()),
+            collecting_tick: u64::MAX,
+            searching_tick: u64::MAX,
+            found_tick: u64::MAX,
+            identifications: u32::MAX,
+            rejections: u32::MAX,
+            changes: u32::MAX,
+        }),
         Reply::Refused(Refusal::Model(ModelError::OutOfRange { number: 9, value: 1.0, low: 2.0, high: 3.0 })),
         Reply::Refused(Refusal::Configuration(ConfigurationError::UnstableGain {
             joint: Joint::Third,
@@ -242,6 +266,10 @@ pub fn longest_board_messages() -> Vec<BoardMessage> {
         replies.into_iter().map(|reply| BoardMessage::Reply { sequence: u32::MAX, reply }).collect();
     messages.push(BoardMessage::Telemetry { movement: u32::MAX, sample: longest_sample() });
     messages.push(BoardMessage::Event(Event::Mode { tick: u64::MAX, mode: Mode::Fault(fault) }));
+    messages.push(BoardMessage::Event(Event::Load {
+        tick: u64::MAX,
+        news: LoadNews::Rejected(Rejected::Inconsistent, longest_estimate()),
+    }));
     messages
 }
 

@@ -2,9 +2,10 @@
 
 use armid::hidden_robot::HiddenRobot;
 use armid::robot::Robot;
+use shared::arm::PARAMETERS;
 use shared::board::MID_SCALE;
 use shared::drive::Drive;
-use shared::effects::{ExtendedMachine, ExtendedPlant, Motion};
+use shared::effects::{Effects, ExtendedMachine, ExtendedPlant, Motion};
 use shared::machine::Machine as _;
 use shared::plant::{PreparedPlant, State};
 use shared::protocol::CurrentScale;
@@ -71,6 +72,8 @@ impl Moving {
 #[derive(Debug)]
 pub struct SimulatedArm {
     plant: Plant,
+    /// Without load.
+    empty: ExtendedPlant<f64>,
     drives: [Drive<f64>; 2],
     current_scale: [CurrentScale; 2],
     state: Moving,
@@ -88,6 +91,7 @@ impl SimulatedArm {
     /// At rest at zero angles: upper arm horizontal, forearm up. The brakes hold it.
     pub fn new(robot: &Robot, hidden: &HiddenRobot) -> Self {
         let plain = hidden.plant(robot);
+        let empty = ExtendedPlant { plant: plain, effects: hidden.effects().copied().unwrap_or(Effects::OFF) };
         let rest = State::at_rest([0.0; 2]);
         let (plant, state) = match hidden.effects() {
             None => (Plant::Plain(Box::new(plain.prepare())), Moving::Plain(rest)),
@@ -99,6 +103,7 @@ impl SimulatedArm {
         };
         Self {
             plant,
+            empty,
             drives: plain.drives,
             current_scale: [0, 1].map(|joint: usize| CurrentScale::symmetric(robot.joints[joint].current_full_scale_a)),
             state,
@@ -109,6 +114,16 @@ impl SimulatedArm {
             counts: [0; 2],
             by_hand_counts: [0; 2],
         }
+    }
+
+    /// The arm carries something from now on that adds `added_f` to its f1..f9; its speed stays.
+    pub fn set_load(&mut self, added_f: [f64; PARAMETERS]) {
+        let mut extended = self.empty;
+        extended.plant.arm.f.iter_mut().zip(added_f).for_each(|(f, added)| *f += added);
+        self.plant = match &self.plant {
+            Plant::Plain(_) => Plant::Plain(Box::new(extended.plant.prepare())),
+            Plant::Extended(_) => Plant::Extended(Box::new(ExtendedMachine::new(&extended))),
+        };
     }
 
     /// Until when the arm has been simulated.

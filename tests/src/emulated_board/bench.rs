@@ -152,6 +152,9 @@ impl Bench {
             if let Some(turn) = command.turn.take() {
                 self.turn = Some((turn, at.0 + turn.interval_ns));
             }
+            if let Some(added_f) = command.added_f.take() {
+                self.arm.set_load(added_f);
+            }
             if let Some((trouble, until_ns)) = command.trouble.take() {
                 self.disturb(board, trouble, until_ns);
             }

@@ -6,6 +6,7 @@ use rigless::emulator::Host;
 use rigless::session::Session;
 use rigless::time::VirtualNanos;
 
+use shared::arm::PARAMETERS;
 use shared::protocol::Link;
 
 use super::nucleo::Nucleo;
@@ -48,6 +49,8 @@ pub struct Command {
     pub power_cut: Option<PowerCut>,
     /// A motor to turn by hand.
     pub turn: Option<Turn>,
+    /// What the arm carries from now on: what it adds to f1..f9.
+    pub added_f: Option<[f64; PARAMETERS]>,
     /// What is wrong with the line from now on, and until when in ns.
     pub trouble: Option<(Trouble, u64)>,
     /// Something to do to the chip itself.

@@ -7,6 +7,7 @@ use armid::link::Link;
 use armid::robot::Robot;
 use rigless::mcu::Operate as _;
 use rigless::soc::Width;
+use shared::arm::Load;
 use shared::protocol::Link as BoardLink;
 
 use super::{BoardUnderTest, Setup};
@@ -98,6 +99,10 @@ impl BoardUnderTest for EmulatedBoard {
 
     fn turn_by_hand(&self, turn: Turn) {
         EmulatedBoard::turn_by_hand(self, turn);
+    }
+
+    fn carry(&self, load: &Load<f64>) {
+        EmulatedBoard::carry(self, load.delta_f(robot().upper_arm_m()));
     }
 
     fn set_counters(&self, counts: [u32; 2]) {

@@ -9,6 +9,7 @@ use armid::hidden_robot::HiddenRobot;
 use armid::link::{FlashHistory, Link, LinkError, SimulatedBoard};
 use armid::robot::Robot;
 use rigless::device::ResetCause;
+use shared::arm::Load;
 use shared::protocol::Link as BoardLink;
 use shared::storage::Sector;
 
@@ -242,6 +243,10 @@ impl BoardUnderTest for NativeBoard {
         let mut watched = self.0.borrow_mut();
         let now_ns = watched.now_ns();
         watched.turn = Some((turn, now_ns));
+    }
+
+    fn carry(&self, load: &Load<f64>) {
+        self.0.borrow_mut().board.carry(load);
     }
 
     fn set_counters(&self, counts: [u32; 2]) {

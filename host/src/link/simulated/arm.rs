@@ -1,5 +1,6 @@
 //! The arm of a simulated board with its amplifiers: plain, or with effects.
 
+use shared::arm::PARAMETERS;
 use shared::drive::Drive;
 use shared::effects::{ExtendedMachine, ExtendedPlant, Motion};
 use shared::machine::Machine as _;
@@ -27,6 +28,8 @@ pub(super) enum SimulatedArm {
 }
 
 pub(super) struct PlainArm {
+    /// Without load.
+    empty: Plant<f64>,
     plant: PreparedPlant<f64>,
     drives: [Drive<f64>; 2],
     state: State<f64>,
@@ -34,6 +37,8 @@ pub(super) struct PlainArm {
 }
 
 pub(super) struct ExtendedArm {
+    /// Without load.
+    empty: ExtendedPlant<f64>,
     machine: ExtendedMachine<f64>,
     motion: Motion<f64>,
     input_a: [f64; 2],
@@ -47,15 +52,34 @@ impl SimulatedArm {
         let state = State::at_rest([0.0; 2]);
         match hidden.effects() {
             None => Self::Plain(Box::new(PlainArm {
+                empty: plant,
                 plant: plant.prepare(),
                 drives: plant.drives,
                 state,
                 current_a: [0.0; 2],
             })),
             Some(&effects) => {
-                let machine = ExtendedMachine::new(&ExtendedPlant { plant, effects });
+                let empty = ExtendedPlant { plant, effects };
+                let machine = ExtendedMachine::new(&empty);
                 let motion = machine.start(state, BEFORE_RECORDING_S);
-                Self::Extended(Box::new(ExtendedArm { machine, motion, input_a: [0.0; 2], recording: false }))
+                Self::Extended(Box::new(ExtendedArm { empty, machine, motion, input_a: [0.0; 2], recording: false }))
+            }
+        }
+    }
+
+    /// The arm carries something else from now on: what it adds to f1..f9. Its speed stays, as if the gripper had closed on
+    /// something that moved along with it.
+    pub fn set_load(&mut self, added_f: [f64; PARAMETERS]) {
+        let with_load = |empty: &Plant<f64>| {
+            let mut plant = *empty;
+            plant.arm.f.iter_mut().zip(added_f).for_each(|(f, added)| *f += added);
+            plant
+        };
+        match self {
+            Self::Plain(arm) => arm.plant = with_load(&arm.empty).prepare(),
+            Self::Extended(arm) => {
+                let plant = with_load(&arm.empty.plant);
+                arm.machine = ExtendedMachine::new(&ExtendedPlant { plant, effects: arm.empty.effects });
             }
         }
     }

@@ -1,0 +1,345 @@
+//! `armid load`.
+
+use std::path::PathBuf;
+
+use armid::capture::tracking_quality;
+use armid::client::Client;
+use armid::load::{self, HostIdentifier, Listener, Told};
+use armid::model::Model;
+use armid::recording::{Mode, Recording};
+use armid::robot::Robot;
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+use shared::load::{LONGEST_COLLECTION_ROWS, LoadEstimate, LoadNews, LoadSettings, Rejected, Waiting};
+
+use super::common::{
+    BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, for_board, print,
+    print_json, read_model,
+};
+use super::run::Run;
+use super::{CommandError, own_model};
+
+const NOTES: &str = "The arm moves under computed torque, which assumes half the largest load, and the load is found \
+    from 0.2 s of rows: its mass where the grasp is known (--grasp), its centre and inertia too where at least 1 s with \
+    reversals is collected and they are not known (--collect 1 --centre-error 0.1). The standard error includes that of \
+    the model's parameters. Changes of the load are noticed from then on, and identified anew.
+
+Without --model, the board's active model is used; without one, and on a simulated board always, two movements of the \
+    empty arm are recorded and identified first. On a real board the gripper must be empty for that; take up the load and \
+    run the command again.
+
+Examples:
+  armid load --board sim --load-kg 1.72
+  armid load --board sim --load-kg 1.2 --collect 1 --centre-error 0.1 --where host --json";
+
+/// Arguments of `load`.
+#[derive(Debug, Args)]
+#[command(after_help = NOTES)]
+pub struct LoadCommand {
+    #[command(flatten)]
+    robot: RobotArguments,
+    #[command(flatten)]
+    board: BoardArguments,
+    #[command(flatten)]
+    trajectory: TrajectoryArguments,
+    #[command(flatten)]
+    load: LoadArguments,
+    /// Model of the empty arm to upload first
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Where the search runs: on the board, or on this computer from the stream
+    #[arg(long = "where", value_enum, default_value_t = Place::Board)]
+    place: Place,
+    /// File to write the recording into
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Replace a recording that is there already
+    #[arg(long)]
+    force: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is known of the load.
+#[derive(Clone, Debug, Args)]
+pub struct LoadArguments {
+    /// Largest mass the arm may carry, kg
+    #[arg(long, value_name = "KG", default_value_t = load::MAXIMUM_KG)]
+    maximum_kg: f64,
+    /// Centre of mass of a load in the gripper, X,Y in frame 3, m
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, default_value = "-0.02,-0.53")]
+    grasp: Point,
+    /// Standard error of that centre, m; 0 where it is known
+    #[arg(long, value_name = "METRES", default_value_t = 0.0)]
+    centre_error: f64,
+    /// Standard error of the load's own inertia, kg m²; 0 where it is known to be small
+    #[arg(long, value_name = "KGM2", default_value_t = 0.0)]
+    inertia_error: f64,
+    /// How long to collect rows, s: 0.1 to 1.05
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.2)]
+    collect: f64,
+}
+
+/// Two lengths in m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Point([f64; 2]);
+
+impl std::str::FromStr for Point {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let refuse = || format!("\"{text}\" is not two lengths in m, such as -0.02,-0.53");
+        let (x, y) = text.split_once(',').ok_or_else(refuse)?;
+        let length = |text: &str| text.trim().parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(refuse);
+        Ok(Self([length(x)?, length(y)?]))
+    }
+}
+
+impl LoadArguments {
+    /// The settings for the board, checked.
+    fn settings(&self, robot: &Robot, model: &Model, place: Place) -> Result<LoadSettings, CommandError> {
+        let rows = (self.collect / robot.record_period_s).round();
+        if !(0.0..=LONGEST_COLLECTION_ROWS as f64).contains(&rows) {
+            return Err(CommandError::Usage(format!(
+                "--collect {} s is {rows} rows, but must be at most {LONGEST_COLLECTION_ROWS}",
+                self.collect
+            )));
+        }
+        let settings = LoadSettings {
+            by_host: place == Place::Host,
+            collect_rows: rows as u16,
+            centre_standard_error_m: self.centre_error as f32,
+            inertia_standard_error_kg_m2: self.inertia_error as f32,
+            ..load::settings(robot, model, self.maximum_kg, self.grasp.0)
+        };
+        settings.check().map_err(|error| CommandError::Usage(error.to_string()))?;
+        Ok(settings)
+    }
+}
+
+/// Where the search runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Place {
+    /// On the board.
+    Board,
+    /// On this computer.
+    Host,
+}
+
+impl LoadCommand {
+    pub fn run(&self) -> Result<(), CommandError> {
+        let robot = self.robot.read_for_motion()?;
+        let movement = self.trajectory.prepare(&robot)?;
+        if let Some(path) = &self.out {
+            let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
+            let existing = if self.force { Existing::Replace } else { Existing::Keep };
+            check_recording_outputs(path, existing, inputs.into_iter().flatten())?;
+        }
+        let model = match &self.model {
+            Some(path) => read_model(path, &robot)?,
+            None if self.board.is_simulated() => {
+                let mut empty = self.board.empty_handed().connect_ready(&robot)?;
+                own_model::identified(&mut empty, &robot, self.board.seed)?
+            }
+            None => self.model_of_board(&robot)?,
+        };
+        let settings = self.load.settings(&robot, &model, self.place)?;
+        movement.advise_margins();
+        let mut client = self.board.connect_ready(&robot)?;
+        client.upload(&for_board(&robot, &model)?)?;
+        client.identify_load(&settings)?;
+        let seed = self.board.simulated_seed();
+        let path = self.out.clone().unwrap_or_default();
+        let run = Run { robot: &robot, movement: &movement, mode: Mode::Ctc, seed, path };
+        let (ran, told, searched_s) = match self.place {
+            Place::Board => {
+                let mut show = |told: &Told| advise(sentence(&told.news));
+                let mut listener = Listener::new(&robot, &mut show);
+                let ran = run.watched(&mut client, &mut listener)?;
+                (ran, listener.told, None)
+            }
+            Place::Host => {
+                let mut show = |told: &Told| advise(sentence(&told.news));
+                let mut identifier = HostIdentifier::new(&load::setup(&robot, &model, &settings), &mut show);
+                let ran = run.watched(&mut client, &mut identifier)?;
+                let searched_s = identifier.searched.last().map(|duration| duration.as_secs_f64());
+                (ran, identifier.told, searched_s)
+            }
+        };
+        if self.out.is_some() {
+            ran.write(&robot)?;
+        }
+        let recording = ran.whole()?;
+        let report = client.load_report()?;
+        let Some(found) = report.found else {
+            return Err(CommandError::Failed(why_not(&told)));
+        };
+        let board_s = report.found_tick.saturating_sub(report.searching_tick) as f64 * robot.loop_period_s;
+        let result = Outcome {
+            found,
+            place: self.place,
+            collect_s: f64::from(settings.collect_rows) * robot.record_period_s,
+            identify_s: searched_s.unwrap_or(board_s),
+            settings,
+        };
+        if self.json { print_json(&result.to_json(&told, &recording)) } else { print(result.text(&recording)) }
+    }
+
+    /// A real board's model cannot be told to be without a load, and has no standard errors; so its movements are recorded
+    /// where it has none, and then the load has to be taken up.
+    fn model_of_board(&self, robot: &Robot) -> Result<Model, CommandError> {
+        let mut client: Client = self.board.connect_ready(robot)?;
+        if let Some(active) = client.active_model()? {
+            advise(
+                "no model was given: using the board's, every parameter known to 1 %; pass --model for its standard errors",
+            );
+            return Ok(Model {
+                f: active.f,
+                f_standard_error: None,
+                viscous_nm_s_per_rad: active.viscous_friction_nm_s_per_rad.to_vec(),
+                viscous_standard_error: None,
+                coulomb_nm: active.coulomb_friction_nm.to_vec(),
+                coulomb_standard_error: None,
+                effects: Vec::new(),
+                provenance: toml::Table::new(),
+            });
+        }
+        let model = own_model::identified(&mut client, robot, self.board.seed)?;
+        client.upload(&for_board(robot, &model)?)?;
+        Err(CommandError::Failed(
+            "the board had no model; it has one of the arm as it is now, which should be empty: take up the load and run \
+             the command again"
+                .into(),
+        ))
+    }
+}
+
+/// What was found, to be told.
+struct Outcome {
+    found: LoadEstimate,
+    place: Place,
+    collect_s: f64,
+    identify_s: f64,
+    settings: LoadSettings,
+}
+
+impl Outcome {
+    fn place_name(&self) -> &'static str {
+        match self.place {
+            Place::Board => "board",
+            Place::Host => "host",
+        }
+    }
+
+    /// What the rows tell of centre and inertia: their names, and whether the data halved the prior's standard error.
+    fn told(&self) -> [(&'static str, bool); 3] {
+        let [x, y] = self.found.centre_standard_error_m;
+        let prior = self.settings.centre_standard_error_m;
+        let inertia = self.found.inertia_standard_error_kg_m2 < 0.5 * self.settings.inertia_standard_error_kg_m2;
+        [("centre x", x < 0.5 * prior), ("centre y", y < 0.5 * prior), ("inertia", inertia)]
+    }
+
+    fn to_json(&self, told: &[Told], recording: &Recording) -> Value {
+        let found = &self.found;
+        let from_data: Vec<&str> = self.told().iter().filter(|(_, told)| *told).map(|(name, _)| *name).collect();
+        let list: Vec<Value> =
+            told.iter().map(|told| json!({"at_s": told.at_s, "news": sentence(&told.news)})).collect();
+        json!({
+            "mass_kg": found.mass_kg,
+            "standard_error_kg": found.standard_error_kg,
+            "where": self.place_name(),
+            "collect_s": self.collect_s,
+            "identify_s": self.identify_s,
+            "active": true,
+            "centre_m": found.centre_m,
+            "centre_standard_error_m": found.centre_standard_error_m,
+            "inertia_kg_m2": found.inertia_kg_m2,
+            "inertia_standard_error_kg_m2": found.inertia_standard_error_kg_m2,
+            "found_in_data": from_data,
+            "noise_ratio": found.noise_ratio,
+            "max_abs_error_counts":
+                tracking_quality(recording).iter().map(|joint| joint.max_abs_error_counts).collect::<Vec<_>>(),
+            "events": list,
+        })
+    }
+
+    fn text(&self, recording: &Recording) -> String {
+        let found = &self.found;
+        let mut lines = vec![
+            active(found),
+            format!(
+                "found on the {} from {:.2} s of rows, in use {:.3} s after the last of them; what the model leaves of the \
+                 rows is {:.2} of the encoder's noise",
+                self.place_name(),
+                self.collect_s,
+                self.identify_s,
+                found.noise_ratio
+            ),
+        ];
+        for (name, (value, error, unit)) in self.told().into_iter().zip([
+            (found.centre_m[0], found.centre_standard_error_m[0], "m"),
+            (found.centre_m[1], found.centre_standard_error_m[1], "m"),
+            (found.inertia_kg_m2, found.inertia_standard_error_kg_m2, "kg m²"),
+        ]) {
+            let (name, from_data) = name;
+            lines.push(if from_data {
+                format!("{name}: {value:.4} ± {error:.4} {unit}")
+            } else {
+                format!("{name}: {value:.4} {unit}, as it was given; these rows do not tell")
+            });
+        }
+        let largest: Vec<String> =
+            tracking_quality(recording).iter().map(|joint| format!("{:.0}", joint.max_abs_error_counts)).collect();
+        lines.push(format!("largest tracking error of the whole movement: {} counts", largest.join(" / ")));
+        lines.join("\n")
+    }
+}
+
+/// The load in use, in one line.
+pub fn active(found: &LoadEstimate) -> String {
+    // Two digits say nothing of an error of grams.
+    let digits = if found.standard_error_kg < 0.01 { 3 } else { 2 };
+    format!("now active: {:.digits$} ± {:.digits$} kg", found.mass_kg, found.standard_error_kg)
+}
+
+/// What is told, in words.
+pub fn sentence(news: &LoadNews) -> String {
+    match news {
+        LoadNews::Waiting(Waiting::Slow { joint }) => {
+            format!("waiting: joint {} stands or is about to turn, and its friction hides the load", joint + 2)
+        }
+        LoadNews::Waiting(Waiting::RowsLost) => "waiting: rows were lost on the way to the identification".into(),
+        LoadNews::Collecting => "collecting rows".into(),
+        LoadNews::Searching => "searching for the load".into(),
+        LoadNews::Found(found) => active(found),
+        LoadNews::Rejected(why, found) => format!(
+            "not used: {:.2} ± {:.2} kg, because {}; collecting again",
+            found.mass_kg,
+            found.standard_error_kg,
+            match why {
+                Rejected::TooHeavy => "the rows want more than the largest load (--maximum-kg)",
+                Rejected::Negative => "the rows want less than no load: the model of the empty arm is wrong",
+                Rejected::Uncertain => "it is known too poorly: the movement is too slow, or the model too uncertain",
+                Rejected::OutOfReach => "its centre is out of reach",
+                Rejected::Inconsistent => {
+                    "the rows are not of one arm with one load: it changed among them, or the model is wrong"
+                }
+                Rejected::NotFinite => "it is not a number",
+            }
+        ),
+        LoadNews::Changed { by_kg, assumed_kg } => {
+            format!(
+                "the load has changed, by {by_kg:+.2} kg or more: assuming {assumed_kg:.2} kg, and identifying anew"
+            )
+        }
+    }
+}
+
+/// Why nothing is active at the end.
+fn why_not(told: &[Told]) -> String {
+    match told.last() {
+        Some(last) => format!("no load is active at the end of the movement; last: {}", sentence(&last.news)),
+        None => "no load is active at the end of the movement, and the identification said nothing".into(),
+    }
+}

@@ -1,0 +1,220 @@
+//! Replicas of the arm side by side: one with the parameters assumed, and one for each unknown moved a little.
+
+#![expect(clippy::needless_range_loop, reason = "a joint is an index into many arrays")]
+
+use super::{LoadRow, LoadSetup};
+use crate::arm::{Arm, Load, PARAMETERS};
+use crate::board::MID_SCALE;
+use crate::drive::{Drive, centre_of_count};
+use crate::plant::{Plant, State};
+use crate::replay::{CORRECTION_DAMPING, CORRECTION_HZ};
+
+/// What a load adds to f, in the four numbers that it is linear in: mass, mass times centre, inertia about joint 3.
+pub const LOAD_UNKNOWNS: usize = 4;
+/// f1..f9, viscous and Coulomb friction of both joints.
+pub const MODEL_UNKNOWNS: usize = PARAMETERS + 4;
+/// Positions and velocities at the first row.
+pub const STATE_UNKNOWNS: usize = 4;
+/// All that is not known exactly beside the load.
+pub const NUISANCES: usize = MODEL_UNKNOWNS + STATE_UNKNOWNS;
+/// All unknowns: first the nuisances, then the load.
+pub const UNKNOWNS: usize = NUISANCES + LOAD_UNKNOWNS;
+
+/// Rows before the first replayed one that its velocity is found from, and as many after it.
+pub const START_ROWS: usize = 8;
+
+/// Standard deviation of what a row shows beside the model, counts: rounding, 1/√12, and a little for what no model has.
+pub const NOISE_COUNTS: f32 = 0.35;
+/// Standard error of the velocity at the first row in counts a row: rounding over twice [`START_ROWS`], and the change of
+/// the acceleration meanwhile.
+const START_SPEED_ERROR_COUNTS: f32 = 0.1;
+/// Standard error of the position at the first row in counts.
+const START_POSITION_ERROR_COUNTS: f32 = 0.3;
+
+/// What a load is linear in.
+pub fn linear_load(load: &Load<f32>) -> [f32; LOAD_UNKNOWNS] {
+    let [x, y] = load.centre_m;
+    let mass = load.mass_kg;
+    [mass, mass * x, mass * y, load.inertia_kg_m2 + mass * (x * x + y * y)]
+}
+
+/// What a row shows: the innovation of the replica that assumes what is assumed, and how the modelled position moves with
+/// each unknown.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown {
+    /// Measured less modelled position of both motors in counts.
+    pub innovation_counts: [f32; 2],
+    /// Counts by which the modelled positions move with each unknown: with a nuisance by one standard error of it, with the
+    /// load's four by one unit.
+    pub sensitivity: [[f32; UNKNOWNS]; 2],
+}
+
+/// The replicas.
+#[derive(Clone, Debug)]
+pub struct Bundle {
+    states: [State<f32>; UNKNOWNS + 1],
+    /// With everything as it is assumed.
+    plant: Plant<f32>,
+    /// By how much each of the load's four is moved.
+    steps: [f32; LOAD_UNKNOWNS],
+    previous_torque_nm: Option<[f32; 2]>,
+}
+
+impl Bundle {
+    /// Replicas that know nothing yet.
+    pub const fn new() -> Self {
+        let drive = Drive {
+            gear_ratio: 1.0,
+            counts_per_rev: 1.0,
+            torque_constant_nm_per_a: 0.0,
+            current_limit_a: 0.0,
+            viscous_friction_nm_s_per_rad: 0.0,
+            coulomb_friction_nm: 0.0,
+            torque_offset_nm: 0.0,
+        };
+        Self {
+            states: [State { position_rad: [0.0; 2], velocity_rad_s: [0.0; 2] }; UNKNOWNS + 1],
+            plant: Plant { arm: Arm { f: [0.0; PARAMETERS], gravity_m_s2: 0.0 }, drives: [drive; 2] },
+            steps: [1.0; LOAD_UNKNOWNS],
+            previous_torque_nm: None,
+        }
+    }
+
+    /// Starts all replicas at `counts`, moving by `counts_per_row`, with `load` and the nuisances assumed, these in standard
+    /// errors.
+    #[inline(never)]
+    pub fn start(
+        &mut self,
+        setup: &LoadSetup,
+        load: [f32; LOAD_UNKNOWNS],
+        nuisances: &[f32; NUISANCES],
+        counts: [i32; 2],
+        counts_per_row: [f32; 2],
+    ) {
+        let mass_step = 0.1 * setup.settings.maximum_kg;
+        self.steps = [mass_step, 0.1 * mass_step, 0.1 * mass_step, 0.05 * mass_step];
+        self.previous_torque_nm = None;
+        self.plant = Plant { arm: Arm { f: setup.f, gravity_m_s2: setup.gravity_m_s2 }, drives: setup.drives };
+        for (unknown, &errors) in nuisances.iter().enumerate().take(MODEL_UNKNOWNS) {
+            move_model(&mut self.plant, unknown, errors * model_error(setup, unknown));
+        }
+        for (unknown, by) in load.into_iter().enumerate() {
+            move_load(&mut self.plant, setup, unknown, by);
+        }
+        let per_rad = setup.drives.map(|drive| drive.counts_per_rad());
+        let mut start = State { position_rad: [0.0; 2], velocity_rad_s: [0.0; 2] };
+        for joint in 0..2 {
+            let [position, speed] = [MODEL_UNKNOWNS + joint, MODEL_UNKNOWNS + 2 + joint].map(|index| nuisances[index]);
+            start.position_rad[joint] =
+                (centre_of_count(counts[joint] as f32) + START_POSITION_ERROR_COUNTS * position) / per_rad[joint];
+            start.velocity_rad_s[joint] =
+                (counts_per_row[joint] + START_SPEED_ERROR_COUNTS * speed) / (per_rad[joint] * setup.period_s);
+        }
+        self.states = [start; UNKNOWNS + 1];
+        for joint in 0..2 {
+            let [position, speed] = [MODEL_UNKNOWNS + joint, MODEL_UNKNOWNS + 2 + joint];
+            self.states[1 + position].position_rad[joint] += START_POSITION_ERROR_COUNTS / per_rad[joint];
+            self.states[1 + speed].velocity_rad_s[joint] +=
+                START_SPEED_ERROR_COUNTS / (per_rad[joint] * setup.period_s);
+        }
+    }
+
+    /// What the row shows, and every replica moved on to the next. Bounded time: [`UNKNOWNS`] + 1 steps of the plant.
+    #[inline(never)]
+    pub fn advance(&mut self, setup: &LoadSetup, row: &LoadRow) -> Shown {
+        let omega = core::f64::consts::TAU as f32 * CORRECTION_HZ as f32;
+        let position_gain = 2.0 * CORRECTION_DAMPING as f32 * omega * setup.period_s;
+        let velocity_gain = omega * omega * setup.period_s;
+        let torque = [0, 1].map(|joint: usize| {
+            let code = f32::from(row.command_code[joint]) - f32::from(MID_SCALE);
+            setup.drives[joint].motor_torque_nm(code * setup.a_per_code[joint] + setup.offset_a[joint])
+        });
+        // The command before acts until the delay is over; the mean has the same impulse.
+        let before = self.previous_torque_nm.unwrap_or(torque);
+        let late = setup.command_delay_s / setup.period_s;
+        let held = [0, 1].map(|joint: usize| torque[joint] + late * (before[joint] - torque[joint]));
+        self.previous_torque_nm = Some(torque);
+
+        let mut shown = Shown { innovation_counts: [0.0; 2], sensitivity: [[0.0; UNKNOWNS]; 2] };
+        let per_rad = setup.drives.map(|drive| drive.counts_per_rad());
+        let [position_rad, velocity_rad_s] =
+            [position_gain, velocity_gain].map(|gain| per_rad.map(|per_rad| gain / per_rad));
+        let measured = row.counts.map(|count| centre_of_count(count as f32));
+        for (replica, state) in self.states.iter_mut().enumerate() {
+            let mut plant = self.plant;
+            let mut step = 1.0;
+            if let Some(unknown) = replica.checked_sub(1) {
+                if let Some(index) = unknown.checked_sub(NUISANCES) {
+                    step = self.steps[index];
+                    move_load(&mut plant, setup, index, step);
+                } else if unknown < MODEL_UNKNOWNS {
+                    let error = model_error(setup, unknown);
+                    if error <= 0.0 {
+                        // Known exactly: nothing moves with it.
+                        continue;
+                    }
+                    move_model(&mut plant, unknown, error);
+                }
+            }
+            for joint in 0..2 {
+                let innovation = measured[joint] - state.position_rad[joint] * per_rad[joint];
+                state.position_rad[joint] += position_rad[joint] * innovation;
+                state.velocity_rad_s[joint] += velocity_rad_s[joint] * innovation;
+                match replica.checked_sub(1) {
+                    None => shown.innovation_counts[joint] = innovation,
+                    Some(unknown) => {
+                        shown.sensitivity[joint][unknown] = (shown.innovation_counts[joint] - innovation) / step;
+                    }
+                }
+            }
+            *state = plant.prepare().step(state, held, setup.period_s);
+        }
+        shown
+    }
+}
+
+/// How far one standard error of a nuisance of the model is, in its unit.
+fn model_error(setup: &LoadSetup, unknown: usize) -> f32 {
+    let settings = &setup.settings;
+    match unknown.checked_sub(PARAMETERS) {
+        None => settings.f_standard_error[unknown],
+        Some(joint @ 0..2) => settings.viscous_standard_error[joint],
+        Some(joint) => settings.coulomb_standard_error.get(joint - 2).copied().unwrap_or(0.0),
+    }
+}
+
+/// Moves an unknown of the model by so much of its unit.
+#[inline(always)]
+fn move_model(plant: &mut Plant<f32>, unknown: usize, by: f32) {
+    match unknown.checked_sub(PARAMETERS) {
+        None => plant.arm.f[unknown] += by,
+        Some(joint @ 0..2) => plant.drives[joint].viscous_friction_nm_s_per_rad += by,
+        Some(joint) => {
+            if let Some(drive) = plant.drives.get_mut(joint - 2) {
+                drive.coulomb_friction_nm = (drive.coulomb_friction_nm + by).max(0.0);
+            }
+        }
+    }
+}
+
+/// Moves one of the load's four by so much of its unit: what [`linear_load`] adds to f1..f9.
+#[inline(always)]
+fn move_load(plant: &mut Plant<f32>, setup: &LoadSetup, unknown: usize, by: f32) {
+    let upper_arm_m = setup.settings.upper_arm_m;
+    let f = &mut plant.arm.f;
+    match unknown {
+        0 => {
+            f[6] += by * upper_arm_m * upper_arm_m;
+            f[8] += by * upper_arm_m;
+        }
+        1 | 2 => {
+            f[1 + unknown] += by * upper_arm_m;
+            f[3 + unknown] += by;
+        }
+        _ => {
+            f[0] += by;
+            f[1] += by;
+            f[6] += by;
+        }
+    }
+}

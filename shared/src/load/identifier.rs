@@ -1,0 +1,416 @@
+//! The three stages as a state machine: rows in, news out, and work in bounded pieces.
+
+use super::bundle::{Bundle, MODEL_UNKNOWNS, NOISE_COUNTS, NUISANCES, START_ROWS, UNKNOWNS, linear_load};
+use super::search::{Quadratic, Search, gradient};
+use super::window::Window;
+use super::{LoadEstimate, LoadNews, LoadRow, LoadSetup, Rejected, Waiting};
+use crate::arm::Load;
+
+/// Time a step of one replica takes on the board, ns; for a simulated board. From the time a search takes on the emulated one.
+pub const COST_NS_PER_REPLICA_STEP: u64 = 12_500;
+
+/// Runs of the bundle, each about the load that the one before found.
+const ROUNDS: u8 = 3;
+/// Rows replayed in one piece of work: some 0.3 ms on the board, whose other tasks wait meanwhile.
+const ROWS_PER_PIECE: usize = 1;
+/// What the parts of a search cost, in steps of a replica: one unknown eliminated on average, a generation, and what comes
+/// before and after each search.
+const ELIMINATION_STEPS: u32 = 12;
+const GENERATION_STEPS: u32 = 40;
+const SEARCH_STEPS: u32 = 40;
+
+/// Least speed of both motors in a collection, counts a row: some 0.1 rad/s on the paper's robot. Slower, Coulomb friction
+/// is about to change its sign.
+const LEAST_SPEED_COUNTS: f32 = 1.0;
+/// Rows from which on reversals are allowed in a collection: so long a window has motion on both sides.
+const REVERSALS_FROM_ROWS: u16 = 700;
+
+/// Share of the change test's memory that a row leaves: it looks some 60 ms back.
+const WATCH_MEMORY: f32 = 1.0 - 1.0 / 86.0;
+/// Rows before the change test begins: its replicas have forgotten their start.
+const WATCH_FROM_ROWS: u32 = 60;
+/// The change test is made every so many rows.
+const WATCH_EVERY_ROWS: u32 = 8;
+/// Standard errors that a change must have.
+const WATCH_ERRORS: f64 = 6.0;
+/// Least change that is one, as a share of the largest mass.
+const WATCH_LEAST: f32 = 0.05;
+
+/// Work done in one piece.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Piece {
+    /// What came of it.
+    pub news: Option<LoadNews>,
+    /// How much it was, in steps of one replica.
+    pub replica_steps: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    Off,
+    Waiting,
+    Collecting,
+    /// The bundle runs over the rows.
+    Replaying {
+        round: u8,
+        next: usize,
+        counts: [i32; 2],
+    },
+    /// The nuisances are eliminated, one after the other.
+    Eliminating {
+        round: u8,
+        pivot: usize,
+    },
+    /// The genetic algorithm runs.
+    Searching {
+        round: u8,
+    },
+    /// The result is in use; every row is tested.
+    Watching,
+}
+
+/// The identification.
+#[derive(Clone, Debug)]
+pub struct Identifier {
+    setup: Option<LoadSetup>,
+    stage: Stage,
+    waiting: Option<Waiting>,
+    /// The load that the bundle runs with.
+    about: Load<f32>,
+    nuisances: [f32; NUISANCES],
+    window: Window,
+    bundle: Bundle,
+    quadratic: Quadratic,
+    search: Option<Search>,
+    watch: Watch,
+    /// Positions of the last rows, the newest last.
+    recent: [[i32; 2]; 2 * START_ROWS + 1],
+    recent_rows: usize,
+    next_index: u32,
+    searches: u32,
+}
+
+impl Default for Identifier {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Identifier {
+    /// One that has nothing to do.
+    pub const fn new() -> Self {
+        Self {
+            setup: None,
+            stage: Stage::Off,
+            waiting: None,
+            about: Load { mass_kg: 0.0, centre_m: [0.0; 2], inertia_kg_m2: 0.0 },
+            nuisances: [0.0; NUISANCES],
+            window: Window::new(),
+            bundle: Bundle::new(),
+            quadratic: Quadratic::new(),
+            search: None,
+            watch: Watch::new(),
+            recent: [[0; 2]; 2 * START_ROWS + 1],
+            recent_rows: 0,
+            next_index: 0,
+            searches: 0,
+        }
+    }
+
+    /// Begins with the rows of a new movement.
+    pub fn begin(&mut self, setup: &LoadSetup) {
+        self.setup = Some(*setup);
+        self.about = setup.assumed;
+        self.recent_rows = 0;
+        self.next_index = 0;
+        self.wait();
+    }
+
+    /// Ends; rows still to come are ignored.
+    pub fn end(&mut self) {
+        self.stage = Stage::Off;
+        self.search = None;
+    }
+
+    fn wait(&mut self) {
+        self.stage = Stage::Waiting;
+        self.waiting = None;
+        self.window.clear();
+    }
+
+    /// Whether there is work to do beside the rows.
+    pub fn has_work(&self) -> bool {
+        matches!(self.stage, Stage::Replaying { .. } | Stage::Eliminating { .. } | Stage::Searching { .. })
+    }
+
+    /// Takes in the next row. Bounded time: at most a step of the bundle and a test.
+    pub fn push(&mut self, row: &LoadRow) -> Piece {
+        let Some(setup) = self.setup else { return Piece::default() };
+        if self.stage == Stage::Off {
+            return Piece::default();
+        }
+        let lost = row.index != self.next_index;
+        self.next_index = row.index.wrapping_add(1);
+        if lost {
+            self.recent_rows = 0;
+        }
+        self.recent.rotate_left(1);
+        if let Some(newest) = self.recent.last_mut() {
+            *newest = row.counts;
+        }
+        self.recent_rows = (self.recent_rows + 1).min(self.recent.len());
+        match self.stage {
+            Stage::Off | Stage::Replaying { .. } | Stage::Eliminating { .. } | Stage::Searching { .. } => {
+                Piece::default()
+            }
+            Stage::Waiting => self.look_for_motion(row, lost),
+            Stage::Collecting => self.collect(&setup, row, lost),
+            Stage::Watching => self.watch(&setup, row, lost),
+        }
+    }
+
+    /// Counts a row over the recent rows; `None` until there are enough of them.
+    fn speed_counts(&self) -> Option<[f32; 2]> {
+        let ([first, ..], [.., last]) = (&self.recent, &self.recent);
+        (self.recent_rows == self.recent.len()).then(|| {
+            let travel = |joint: usize| last[joint].wrapping_sub(first[joint]) as f32 / (2 * START_ROWS) as f32;
+            [travel(0), travel(1)]
+        })
+    }
+
+    fn slow_joint(&self) -> Option<u8> {
+        match self.speed_counts() {
+            None => Some(0),
+            Some([second, third]) if second.abs().min(third.abs()) < LEAST_SPEED_COUNTS => {
+                Some(if second.abs() < LEAST_SPEED_COUNTS { 0 } else { 1 })
+            }
+            Some(_) => None,
+        }
+    }
+
+    fn still_waiting(&mut self, why: Waiting) -> Piece {
+        let told = self.waiting.replace(why) == Some(why);
+        Piece { news: (!told).then_some(LoadNews::Waiting(why)), replica_steps: 0 }
+    }
+
+    fn look_for_motion(&mut self, row: &LoadRow, lost: bool) -> Piece {
+        if lost && row.index != 0 {
+            return self.still_waiting(Waiting::RowsLost);
+        }
+        if let Some(joint) = self.slow_joint() {
+            return self.still_waiting(Waiting::Slow { joint });
+        }
+        self.stage = Stage::Collecting;
+        self.waiting = None;
+        self.window.clear();
+        self.window.push(row);
+        Piece { news: Some(LoadNews::Collecting), replica_steps: 0 }
+    }
+
+    fn collect(&mut self, setup: &LoadSetup, row: &LoadRow, lost: bool) -> Piece {
+        if lost {
+            self.wait();
+            return self.still_waiting(Waiting::RowsLost);
+        }
+        if setup.settings.collect_rows < REVERSALS_FROM_ROWS
+            && let Some(joint) = self.slow_joint()
+        {
+            self.wait();
+            return self.still_waiting(Waiting::Slow { joint });
+        }
+        self.window.push(row);
+        if self.window.len() < usize::from(setup.settings.collect_rows) {
+            return Piece::default();
+        }
+        self.nuisances = [0.0; NUISANCES];
+        self.replay(setup, 0);
+        Piece { news: Some(LoadNews::Searching), replica_steps: 0 }
+    }
+
+    /// Starts the bundle over the rows collected.
+    fn replay(&mut self, setup: &LoadSetup, round: u8) {
+        let mut counts = self.window.first_counts();
+        let mut middle = counts;
+        for index in 0..=2 * START_ROWS {
+            counts = self.window.row(index, counts).counts;
+            if index + 1 == START_ROWS {
+                middle = counts;
+            }
+        }
+        let first = self.window.first_counts();
+        let speed =
+            [0, 1].map(|joint: usize| counts[joint].wrapping_sub(first[joint]) as f32 / (2 * START_ROWS) as f32);
+        let start = self.window.row(START_ROWS, middle).counts;
+        self.bundle.start(setup, linear_load(&self.about), &self.nuisances, start, speed);
+        self.quadratic.clear();
+        self.stage = Stage::Replaying { round, next: START_ROWS, counts: middle };
+    }
+
+    /// Does a piece of the work there is, if any. Bounded time.
+    pub fn advance(&mut self) -> Piece {
+        let Some(setup) = self.setup else { return Piece::default() };
+        match self.stage {
+            Stage::Replaying { round, next, counts } => self.replay_on(&setup, round, next, counts),
+            Stage::Eliminating { round, pivot } => self.eliminate_on(&setup, round, pivot),
+            Stage::Searching { round } => self.search_on(&setup, round),
+            Stage::Off | Stage::Waiting | Stage::Collecting | Stage::Watching => Piece::default(),
+        }
+    }
+
+    fn replay_on(&mut self, setup: &LoadSetup, round: u8, next: usize, mut counts: [i32; 2]) -> Piece {
+        let end = (next + ROWS_PER_PIECE).min(self.window.len());
+        for index in next..end {
+            let row = self.window.row(index, counts);
+            counts = row.counts;
+            let shown = self.bundle.advance(setup, &row);
+            self.quadratic.add(&shown);
+        }
+        let replica_steps = (end - next) as u32 * (UNKNOWNS as u32 + 1);
+        if end < self.window.len() {
+            self.stage = Stage::Replaying { round, next: end, counts };
+            return Piece { news: None, replica_steps };
+        }
+        self.quadratic.expect(&self.nuisances);
+        self.stage = Stage::Eliminating { round, pivot: 0 };
+        Piece { news: None, replica_steps }
+    }
+
+    fn eliminate_on(&mut self, setup: &LoadSetup, round: u8, pivot: usize) -> Piece {
+        if pivot < NUISANCES {
+            self.quadratic.eliminate(pivot);
+            self.stage = Stage::Eliminating { round, pivot: pivot + 1 };
+            return Piece { news: None, replica_steps: ELIMINATION_STEPS };
+        }
+        self.searches = self.searches.wrapping_add(1);
+        self.search = Search::new(&self.quadratic, &setup.settings, &self.about, self.searches);
+        self.stage = Stage::Searching { round };
+        Piece { news: None, replica_steps: SEARCH_STEPS }
+    }
+
+    fn search_on(&mut self, setup: &LoadSetup, round: u8) -> Piece {
+        let Some(search) = &mut self.search else {
+            self.wait();
+            return Piece { news: Some(LoadNews::Rejected(Rejected::NotFinite, LoadEstimate::NONE)), replica_steps: 1 };
+        };
+        let done = search.step();
+        if !done {
+            return Piece { news: None, replica_steps: GENERATION_STEPS };
+        }
+        let replica_steps = GENERATION_STEPS + SEARCH_STEPS;
+        if round + 1 < ROUNDS {
+            self.nuisances = search.nuisances(&self.quadratic, &self.nuisances);
+            self.about = search.best();
+            self.search = None;
+            self.replay(setup, round + 1);
+            return Piece { news: None, replica_steps };
+        }
+        let nuisances = search.nuisances(&self.quadratic, &self.nuisances);
+        let (estimate, gate) = search.finish(&mut self.quadratic, &setup.settings);
+        self.search = None;
+        self.about = estimate.load();
+        let news = match gate {
+            Ok(()) => {
+                self.nuisances = nuisances;
+                self.watch = Watch::new();
+                self.watch.noise_ratio = estimate.noise_ratio.max(1.0);
+                self.stage = Stage::Watching;
+                LoadNews::Found(estimate)
+            }
+            Err(rejected) => {
+                self.about = setup.assumed;
+                self.wait();
+                LoadNews::Rejected(rejected, estimate)
+            }
+        };
+        Piece { news: Some(news), replica_steps }
+    }
+
+    fn watch(&mut self, setup: &LoadSetup, row: &LoadRow, lost: bool) -> Piece {
+        if lost {
+            self.watch.rows = 0;
+        }
+        if self.watch.rows == 0 {
+            // The state is found from the rows around the middle of the recent ones, but the bundle starts at the newest.
+            let Some(speed) = self.speed_counts() else { return Piece::default() };
+            self.nuisances[MODEL_UNKNOWNS..].fill(0.0);
+            self.bundle.start(setup, linear_load(&self.about), &self.nuisances, row.counts, speed);
+            let noise_ratio = self.watch.noise_ratio;
+            self.watch = Watch { noise_ratio, ..Watch::new() };
+        }
+        let shown = self.bundle.advance(setup, row);
+        let direction = gradient(&self.about).map(|row| row[0] as f32);
+        self.watch.add(&shown, &direction);
+        let mut replica_steps = UNKNOWNS as u32 + 1;
+        if self.watch.rows < WATCH_FROM_ROWS || !self.watch.rows.is_multiple_of(WATCH_EVERY_ROWS) {
+            return Piece { news: None, replica_steps };
+        }
+        replica_steps += ELIMINATION_STEPS;
+        let least_kg = WATCH_LEAST * setup.settings.maximum_kg;
+        let Some(by_kg) = self.watch.change_kg(&self.quadratic, &gradient(&self.about), least_kg) else {
+            return Piece { news: None, replica_steps };
+        };
+        let assumed = setup.settings.held(self.about.mass_kg + by_kg);
+        self.about = assumed;
+        self.wait();
+        Piece { news: Some(LoadNews::Changed { by_kg, assumed_kg: assumed.mass_kg }), replica_steps }
+    }
+}
+
+/// The change test: the mass that the last rows would have beside the one found, fitted with a memory that fades, against
+/// what the uncertainty of everything else lets it be.
+#[derive(Clone, Copy, Debug)]
+struct Watch {
+    rows: u32,
+    noise_ratio: f32,
+    /// Σ s², Σ s·innovation, Σ s·(sensitivity of every unknown), s being the sensitivity to mass; all fading.
+    squares: f32,
+    products: f32,
+    crossed: [f32; UNKNOWNS],
+}
+
+impl Watch {
+    const fn new() -> Self {
+        Self { rows: 0, noise_ratio: 1.0, squares: 0.0, products: 0.0, crossed: [0.0; UNKNOWNS] }
+    }
+
+    fn add(&mut self, shown: &super::bundle::Shown, direction: &[f32; UNKNOWNS - NUISANCES]) {
+        self.rows = self.rows.saturating_add(1);
+        self.squares *= WATCH_MEMORY;
+        self.products *= WATCH_MEMORY;
+        for sum in &mut self.crossed {
+            *sum *= WATCH_MEMORY;
+        }
+        for (innovation, sensitivity) in shown.innovation_counts.iter().zip(&shown.sensitivity) {
+            let load = sensitivity.iter().skip(NUISANCES).zip(direction);
+            let mass: f32 = load.map(|(sensitivity, direction)| sensitivity * direction).sum();
+            self.squares += mass * mass;
+            self.products += mass * innovation;
+            for (sum, other) in self.crossed.iter_mut().zip(sensitivity) {
+                *sum += mass * other;
+            }
+        }
+    }
+
+    /// The change of mass, if it is one.
+    fn change_kg(&self, quadratic: &Quadratic, gradient: &[[f64; 4]; 4], least_kg: f32) -> Option<f32> {
+        let change = self.products / self.squares;
+        if !change.is_finite() || change.abs() < least_kg {
+            return None;
+        }
+        let mut weights = self.crossed.map(|sum| sum / self.squares);
+        // The state at the start is not that of the rows collected.
+        let (_, state_and_load) = weights.split_at_mut(MODEL_UNKNOWNS);
+        let (state, load) = state_and_load.split_at_mut(NUISANCES - MODEL_UNKNOWNS);
+        let of_state: f32 = state.iter().map(|weight| weight * weight).sum();
+        state.fill(0.0);
+        let linear: [f32; 4] = [load[0], load[1], load[2], load[3]];
+        for (column, weight) in load.iter_mut().enumerate() {
+            *weight = linear.iter().zip(gradient).map(|(weight, row)| weight * row[column] as f32).sum();
+        }
+        let of_noise = NOISE_COUNTS * NOISE_COUNTS / self.squares;
+        let scale = f64::from(self.noise_ratio * self.noise_ratio);
+        let variance = scale * (quadratic.variance(&weights) + f64::from(of_state + of_noise));
+        let change = f64::from(change);
+        (change * change > WATCH_ERRORS * WATCH_ERRORS * variance).then_some(change as f32)
+    }
+}
