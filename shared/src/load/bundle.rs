@@ -153,7 +153,9 @@ impl Bundle {
                         // Known exactly: nothing moves with it.
                         continue;
                     }
-                    move_model(&mut plant, unknown, error);
+                    let moved = error.max(least_step(setup, unknown));
+                    step = moved / error;
+                    move_model(&mut plant, unknown, moved);
                 }
             }
             for joint in 0..2 {
@@ -181,6 +183,22 @@ fn model_error(setup: &LoadSetup, unknown: usize) -> f32 {
         Some(joint @ 0..2) => settings.viscous_standard_error[joint],
         Some(joint) => settings.coulomb_standard_error.get(joint - 2).copied().unwrap_or(0.0),
     }
+}
+
+/// How far a nuisance of the model is moved at least: what a smaller step shows drowns in the rounding of single precision,
+/// which then passes for knowledge about it and holds it where it is.
+fn least_step(setup: &LoadSetup, unknown: usize) -> f32 {
+    /// Share of the parameter.
+    const SHARE: f32 = 0.02;
+    /// f that smaller ones are taken for, in kg m² or kg m.
+    const LEAST_F: f32 = 0.5;
+    let drive = |joint: usize| setup.drives.get(joint);
+    SHARE
+        * match unknown.checked_sub(PARAMETERS) {
+            None => setup.f.get(unknown).map_or(LEAST_F, |f| f.abs().max(LEAST_F)),
+            Some(joint @ 0..2) => drive(joint).map_or(0.0, |drive| drive.viscous_friction_nm_s_per_rad),
+            Some(joint) => drive(joint - 2).map_or(0.0, |drive| drive.coulomb_friction_nm),
+        }
 }
 
 /// Moves an unknown of the model by so much of its unit.
