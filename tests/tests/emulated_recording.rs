@@ -19,6 +19,9 @@ const ROUNDING_FLOOR_COUNTS: f64 = 0.6;
 const DRAWN_BOARDS: u32 = 8;
 const DELAYED_BY_S: f64 = 1e-7;
 
+/// One more board like those drawn is further away than the furthest of them once in nine times, but not by much.
+const LUCK: f64 = 1.15;
+
 /// What another delay of the command adds to that: 18 µs are a quarter of a count at top speed, and where the rounding
 /// falls differently for it is a matter of luck.
 const WITH_ASSUMED_DELAY_COUNTS: f64 = 0.75;
@@ -62,7 +65,7 @@ fn image_and_simulated_board_record_the_same_to_the_rounding_floor() {
     );
     assert!((10e-6..40e-6).contains(&delay_s), "{delay_s} s");
     assert!(difference.iter().all(|&rms| rms <= ROUNDING_FLOOR_COUNTS), "{difference:?}");
-    assert!((0..2).all(|joint| difference[joint] <= floor[joint]), "{difference:?} {floor:?}");
+    assert!((0..2).all(|joint| difference[joint] <= LUCK * floor[joint]), "{difference:?} {floor:?}");
     assert!(assumed.iter().all(|&rms| rms <= WITH_ASSUMED_DELAY_COUNTS), "{assumed:?}");
     assert!(wide.iter().all(|&rms| rms <= WITH_WIDE_CELL_COUNTS), "{wide:?}");
 }
