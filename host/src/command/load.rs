@@ -152,15 +152,14 @@ impl LoadCommand {
         let seed = self.board.simulated_seed();
         let path = self.out.clone().unwrap_or_default();
         let run = Run { robot: &robot, movement: &movement, mode: Mode::Ctc, seed, path };
+        let mut show = |told: &Told| advise(sentence(&robot, &told.news));
         let (ran, told, searched_s) = match self.place {
             Place::Board => {
-                let mut show = |told: &Told| advise(sentence(&told.news));
                 let mut listener = Listener::new(&robot, &mut show);
                 let ran = run.watched(&mut client, &mut listener)?;
                 (ran, listener.told, None)
             }
             Place::Host => {
-                let mut show = |told: &Told| advise(sentence(&told.news));
                 let mut identifier = HostIdentifier::new(&load::setup(&robot, &model, &settings), &mut show);
                 let ran = run.watched(&mut client, &mut identifier)?;
                 let searched_s = identifier.searched.last().map(|duration| duration.as_secs_f64());
@@ -173,7 +172,7 @@ impl LoadCommand {
         let recording = ran.whole()?;
         let report = client.load_report()?;
         let Some(found) = report.found else {
-            return Err(CommandError::Failed(why_not(&told)));
+            return Err(CommandError::Failed(why_not(&robot, &told)));
         };
         let board_s = report.found_tick.saturating_sub(report.searching_tick) as f64 * robot.loop_period_s;
         let result = Outcome {
@@ -183,7 +182,7 @@ impl LoadCommand {
             identify_s: searched_s.unwrap_or(board_s),
             settings,
         };
-        if self.json { print_json(&result.to_json(&told, &recording)) } else { print(result.text(&recording)) }
+        if self.json { print_json(&result.to_json(&robot, &told, &recording)) } else { print(result.text(&recording)) }
     }
 
     /// A real board's model cannot be told to be without a load, and has no standard errors; so its movements are recorded
@@ -240,11 +239,11 @@ impl Outcome {
         [("centre x", x < 0.5 * prior), ("centre y", y < 0.5 * prior), ("inertia", inertia)]
     }
 
-    fn to_json(&self, told: &[Told], recording: &Recording) -> Value {
+    fn to_json(&self, robot: &Robot, told: &[Told], recording: &Recording) -> Value {
         let found = &self.found;
         let from_data: Vec<&str> = self.told().iter().filter(|(_, told)| *told).map(|(name, _)| *name).collect();
         let list: Vec<Value> =
-            told.iter().map(|told| json!({"at_s": told.at_s, "news": sentence(&told.news)})).collect();
+            told.iter().map(|told| json!({"at_s": told.at_s, "news": sentence(robot, &told.news)})).collect();
         json!({
             "mass_kg": found.mass_kg,
             "standard_error_kg": found.standard_error_kg,
@@ -303,11 +302,12 @@ pub fn active(found: &LoadEstimate) -> String {
     format!("now active: {:.digits$} ± {:.digits$} kg", found.mass_kg, found.standard_error_kg)
 }
 
-/// What is told, in words.
-pub fn sentence(news: &LoadNews) -> String {
+/// What is told of a load in the gripper of `robot`, in words.
+pub fn sentence(robot: &Robot, news: &LoadNews) -> String {
     match news {
         LoadNews::Waiting(Waiting::Slow { joint }) => {
-            format!("waiting: joint {} stands or is about to turn, and its friction hides the load", joint + 2)
+            let name = robot.joints.get(usize::from(*joint)).map_or("?", |joint| &joint.name);
+            format!("waiting: joint {name} stands or is about to turn, and its friction hides the load")
         }
         LoadNews::Waiting(Waiting::RowsLost) => "waiting: rows were lost on the way to the identification".into(),
         LoadNews::Collecting => "collecting rows".into(),
@@ -337,9 +337,9 @@ pub fn sentence(news: &LoadNews) -> String {
 }
 
 /// Why nothing is active at the end.
-fn why_not(told: &[Told]) -> String {
+fn why_not(robot: &Robot, told: &[Told]) -> String {
     match told.last() {
-        Some(last) => format!("no load is active at the end of the movement; last: {}", sentence(&last.news)),
+        Some(last) => format!("no load is active at the end of the movement; last: {}", sentence(robot, &last.news)),
         None => "no load is active at the end of the movement, and the identification said nothing".into(),
     }
 }

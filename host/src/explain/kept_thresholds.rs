@@ -1,7 +1,8 @@
 //! Scores of null simulations kept in a folder, so that an experiment is simulated once.
 //!
-//! They are found again by everything they were made from: recordings, model, noise, priors, features of the library and
-//! seed. What was kept is therefore what would be computed again, and no file is ever out of date.
+//! They are found again by everything they were made from: recordings, model, noise, priors, features of the library, seed
+//! and the tool's version. What was kept is therefore what would be computed again, as long as a version simulates alike;
+//! who changes how null simulations are made without a new version empties the folder.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};

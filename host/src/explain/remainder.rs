@@ -68,3 +68,17 @@ pub fn remainders(engine: &Engine, fitted: &Fitted, noise: &Noise) -> Vec<Remain
     };
     (0..engine.setting.experiment.robot.joints.len()).map(of).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of 1000 lines of noise, each above x with probability exp(−x/2), the strongest exceeds 2 ln(10⁷) = 32.24 in one of
+    /// 10 000 recordings.
+    #[test]
+    fn a_tone_is_what_noise_hardly_ever_reaches() {
+        let with_line = |line: f64| Remainder { share_of_coulomb: 0.0, line, line_hz: 7.0, lines: 1000 };
+        assert!(!with_line(32.2).has_a_tone());
+        assert!(with_line(32.3).has_a_tone());
+    }
+}

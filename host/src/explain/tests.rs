@@ -67,6 +67,38 @@ fn a_hidden_effect_is_named_and_closes_the_gap() {
     assert!(explanation.to_html("a robot").expect("a page").contains("<svg"));
 }
 
+/// A slow encoder jumps by a count at every edge; a count that is lost does not come back.
+#[test]
+fn a_single_lost_count_is_found() {
+    let explanation = explained(&[("count-loss", 1, &[-1.0, 1.3])]);
+    let [finding] = &explanation.effects[..] else { panic!("{:?}", explanation.sentences) };
+    assert_eq!((finding.name, finding.joint.as_str()), ("count-loss", "3"));
+    assert!((finding.parameters["instant_s_1"].value - 1.3).abs() < 2e-3, "{:?}", finding.parameters);
+}
+
+/// An irregular torque of 5 % of the Coulomb friction is no robot's noise.
+#[test]
+fn more_noise_than_a_robot_has_is_called_unknown() {
+    let robot = Robot::paper();
+    let model = model(&robot);
+    let baseline = baseline(&robot, &model, true);
+    let truth = Hypothesis { base: baseline.values.of(&baseline.free), named: Vec::new() };
+    let noise = NullNoise { torque_nm: [0.0, 0.05 * model.coulomb_nm[1]], ..NOISE };
+    let recordings: Vec<Recording> = [(3.65, 50), (5.0, 51), (4.3, 52)]
+        .into_iter()
+        .map(|(period_s, seed)| {
+            let movement = crate::trajectory_file::paper(period_s).expect("a period");
+            simulated(&robot, &baseline, &truth, &movement, &noise, seed).expect("a recording")
+        })
+        .collect();
+    let options = Options { seed: 1, design_next: false, kept_thresholds: None };
+    let (fitted, check) = recordings.split_at(2);
+    let explanation = explain(&robot, fitted, check, Some(&model), &options, &|_| ()).expect("an explanation");
+    assert_eq!((explanation.verdict, explanation.effects.len()), (Verdict::Unknown, 0), "{:?}", explanation.sentences);
+    let told = |sentence: &String| sentence.starts_with("joint 3: an irregular torque");
+    assert!(explanation.sentences.iter().any(told), "{:?}", explanation.sentences);
+}
+
 #[test]
 fn two_hidden_effects_are_both_named() {
     let explanation = explained(&[("torque-offset", 0, &[0.03]), ("cogging", 1, &[0.02, 0.7, 3.3])]);

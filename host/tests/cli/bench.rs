@@ -31,6 +31,8 @@ impl Bench {
             .args(arguments.split_whitespace())
             .current_dir(self.0.path())
             .env_remove("ARMID_BOARD")
+            // Nothing is kept among the caches of whoever runs the tests.
+            .env("ARMID_CACHE", "")
             .output()
             .unwrap()
     }

@@ -95,7 +95,7 @@ impl LoadDemo {
         let movement = TrajectoryArguments::paper(PERIOD_S).prepare(robot)?;
         let path = self.common.out.join(file);
         let run = Run { robot, movement: &movement, mode: Mode::Ctc, seed: Some(self.common.seed), path };
-        let mut show = |told: &Told| advise(format!("    {}", sentence(&told.news)));
+        let mut show = |told: &Told| advise(format!("    {}", sentence(robot, &told.news)));
         let mut listener = Listener::new(robot, &mut show);
         let ran = run.watched(client, &mut listener)?;
         ran.write(robot)?;
@@ -144,12 +144,12 @@ impl LoadDemo {
                 })
                 .collect();
             object["events"] =
-                told.iter().map(|told| json!({"at_s": told.at_s, "news": sentence(&told.news)})).collect();
+                told.iter().map(|told| json!({"at_s": told.at_s, "news": sentence(robot, &told.news)})).collect();
             object["out"] = json!(self.common.out);
             return print_json(&object);
         }
         let events: Vec<String> =
-            told.iter().map(|told| format!("{:>8.3} s  {}", told.at_s, sentence(&told.news))).collect();
+            told.iter().map(|told| format!("{:>8.3} s  {}", told.at_s, sentence(robot, &told.news))).collect();
         let results: Vec<String> = found
             .iter()
             .map(|(at_s, found_kg, error_kg, true_kg)| {
