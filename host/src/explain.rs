@@ -36,6 +36,7 @@ mod screen;
 mod sentences;
 mod shortlist;
 mod simulate;
+mod strangers;
 mod threshold;
 mod trace;
 mod verdict;
@@ -61,6 +62,7 @@ use engine::Engine;
 use fit::Setting;
 use hypothesis::Baseline;
 use instance::Instance;
+use strangers::Stranger;
 
 /// What stops an explanation.
 #[derive(Debug, thiserror::Error)]
@@ -157,13 +159,17 @@ pub fn explain(
         None => known,
     };
     let mut decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
+    progress("trying what resembles the effects found");
+    let stranger = case.stranger(&decision, known.len());
     let coarse = resolution::coarse_encoders(robot, &all);
-    if !coarse.is_empty() {
+    if !coarse.is_empty() || stranger.is_some() {
         // What steps of the encoder leave resembles effects; before it is mended none can be named.
         decision.verdict = Verdict::Unknown;
     }
     progress("writing down what was found");
     let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
+    let joint = |stranger: &Stranger| stranger.instance.joint_name(robot);
+    explanation.sentences.extend(stranger.iter().map(|stranger| stranger.sentence(&joint(stranger))));
     explanation.sentences.extend(coarse.iter().map(|coarse| coarse.sentence(robot)));
     if explanation.verdict == Verdict::Unknown
         && agreement::only_each_by_itself(robot, &all, &baseline, &decision.noise, decision.floor)

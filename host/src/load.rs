@@ -143,6 +143,7 @@ impl MovementWatcher for Listener<'_> {
 /// Identifies from the stream on this computer, and has the board use the result.
 pub struct HostIdentifier<'a> {
     identifier: Box<Identifier>,
+    settings: LoadSettings,
     period_s: f64,
     /// All that came of it, in order.
     pub told: Vec<Told>,
@@ -156,7 +157,8 @@ impl<'a> HostIdentifier<'a> {
     pub fn new(setup: &LoadSetup, show: &'a mut dyn FnMut(&Told)) -> Self {
         let mut identifier = Box::new(Identifier::new());
         identifier.begin(setup);
-        Self { identifier, period_s: f64::from(setup.period_s), told: Vec::new(), searched: Vec::new(), show }
+        let (settings, period_s) = (setup.settings, f64::from(setup.period_s));
+        Self { identifier, settings, period_s, told: Vec::new(), searched: Vec::new(), show }
     }
 
     fn hear(&mut self, row: &LoadRow, news: Option<LoadNews>) -> Option<Request> {
@@ -167,17 +169,13 @@ impl<'a> HostIdentifier<'a> {
         match news {
             LoadNews::Found(estimate) => Some(Request::UseLoad(estimate)),
             LoadNews::Changed { assumed_kg, .. } => {
-                Some(Request::UseLoad(LoadEstimate { mass_kg: assumed_kg, ..self.last_estimate()? }))
+                let load = self.settings.held(assumed_kg);
+                let (centre_m, inertia_kg_m2) = (load.centre_m, load.inertia_kg_m2);
+                let assumed = LoadEstimate { mass_kg: load.mass_kg, centre_m, inertia_kg_m2, ..LoadEstimate::NONE };
+                Some(Request::UseLoad(assumed))
             }
             _ => None,
         }
-    }
-
-    fn last_estimate(&self) -> Option<LoadEstimate> {
-        self.told.iter().rev().find_map(|told| match told.news {
-            LoadNews::Found(estimate) => Some(estimate),
-            _ => None,
-        })
     }
 }
 

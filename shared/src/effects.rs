@@ -147,6 +147,19 @@ constants! {
         contact_start_s = 0.0,
         /// How long it lasts, s.
         contact_duration_s = 0.5,
+        // From here on: what is in no catalogue, because `explain` only knows it in order not to give it another's name.
+        /// Fastest change of the current, A/s.
+        current_slew_a_per_s = f64::INFINITY,
+        /// Relative change of the torque constant per second, from the start of a recording.
+        torque_constant_drift_per_s = 0.0,
+        /// Share of the other motor's torque that this motor gives too, both at the motor.
+        crosstalk_share = 0.0,
+        /// Stiffness of a spring beyond its slack, N m/rad at the joint.
+        slack_spring_nm_per_rad = 0.0,
+        /// Joint angle in the middle of the slack, rad.
+        slack_centre_rad = 0.0,
+        /// Half of the slack, rad of joint angle.
+        half_slack_rad = 0.0,
     }
 }
 

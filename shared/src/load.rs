@@ -26,6 +26,7 @@
 
 mod bundle;
 mod identifier;
+mod learned;
 mod search;
 mod window;
 
@@ -61,6 +62,9 @@ pub struct LoadSettings {
     /// Whether a host identifies from the stream of rows, and the board only assumes: then no load changes unless the host
     /// says so ([`crate::protocol::Request::UseLoad`]).
     pub by_host: bool,
+    /// Whether the arm is empty when a movement begins: the first rows then show what is wrong with the model, and a load is
+    /// found by its difference from the empty arm. Nothing is assumed to be held until a load is noticed.
+    pub differential: bool,
     /// Rows to collect, [`SHORTEST_COLLECTION_ROWS`] to [`LONGEST_COLLECTION_ROWS`].
     pub collect_rows: u16,
     /// Standard errors of the model's f1..f9, in their units.
@@ -84,6 +88,7 @@ impl LoadSettings {
             inertia_standard_error_kg_m2: 0.0,
             reach_m: 1.0,
             by_host: false,
+            differential: false,
             collect_rows: 2 * SHORTEST_COLLECTION_ROWS,
             f_standard_error: [0.0; PARAMETERS],
             viscous_standard_error: [0.0; 2],
@@ -91,9 +96,9 @@ impl LoadSettings {
         }
     }
 
-    /// The load assumed where nothing is known yet: half the largest, at the gripper.
+    /// The load assumed where nothing is known yet: half the largest, at the gripper; none where the arm is empty.
     pub fn assumed(&self) -> Load<f32> {
-        self.held(0.5 * self.maximum_kg)
+        self.held(if self.differential { 0.0 } else { 0.5 * self.maximum_kg })
     }
 
     /// A load of `mass_kg` where the gripper holds it, within what it may be.
@@ -231,6 +236,11 @@ pub enum LoadNews {
     Collecting,
     /// Stage 2: the rows are there.
     Searching,
+    /// The rows of the empty arm have shown what is wrong with its model; from now on a load may be taken up.
+    Learned {
+        /// What they leave, over what noise of the encoder alone would.
+        noise_ratio: f32,
+    },
     /// Stage 3: this enters computed torque.
     Found(LoadEstimate),
     /// The result did not pass the gate; stage 1 begins anew.

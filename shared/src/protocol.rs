@@ -51,7 +51,7 @@ pub use status::{BoardIdentity, ControlLaw, Info, Link, LinkCounters, Mode, Rese
 pub use stored::{StoreFailure, StoreState, StoredParameters};
 
 /// Version of everything in this module but the handshake; raised with every change of a message's layout.
-pub const PROTOCOL_VERSION: u8 = 4;
+pub const PROTOCOL_VERSION: u8 = 5;
 
 /// Header byte of the messages whose layout is frozen for ever: [`Request::Hello`] and [`Reply::WrongVersion`].
 pub const HANDSHAKE_HEADER: u8 = 0;

@@ -145,6 +145,7 @@ macro_rules! test_every_scenario {
             old_frames_are_not_carried_out_again
             frames_of_another_version_are_answered_and_do_nothing
             a_load_is_identified_on_the_board_when_it_is_picked_and_dropped
+            a_load_and_its_centre_are_found_by_the_difference_from_the_empty_arm
             counters_may_wrap_during_a_movement
             every_edge_counts_up_to_ten_times_the_fastest_movement
             a_motor_that_trembles_about_an_edge_loses_no_count

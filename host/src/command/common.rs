@@ -8,7 +8,7 @@ use armid::board_setup;
 use armid::client::{Client, Pose};
 use armid::compensation;
 use armid::hidden_robot::HiddenRobot;
-use armid::link::{self, Address, SimulatedBoard};
+use armid::link::{self, Address, LoadChange, SimulatedBoard};
 use armid::load;
 use armid::margins::ArmLoop;
 use armid::model::{Effect, Model};
@@ -92,6 +92,12 @@ impl FromStr for JointAngles {
 impl BoardArguments {
     /// Connects to the board.
     pub fn connect(&self, robot: &Robot) -> Result<Client, CommandError> {
+        self.connect_to_arm(robot, None)
+    }
+
+    /// Connects to the board; a simulated arm takes up its load at that time after the start of a recording, or has it from
+    /// the start.
+    fn connect_to_arm(&self, robot: &Robot, taken_up_at_s: Option<f64>) -> Result<Client, CommandError> {
         let address = self.board.clone().unwrap_or(Address::ANY_USB);
         if self.load_kg.is_some() || !self.effects.is_empty() {
             let option = if self.load_kg.is_some() { "--load-kg" } else { "--effect" };
@@ -100,7 +106,11 @@ impl BoardArguments {
             }
             let hidden = with_effects(HiddenRobot::draw(robot, self.seed), &self.effects, robot)?;
             let carried = load::held(self.simulated_load_kg()?);
-            let board = SimulatedBoard::new(robot, hidden, self.seed).with_load(carried, &[]);
+            let board = SimulatedBoard::new(robot, hidden, self.seed);
+            let board = match taken_up_at_s {
+                Some(at_s) => board.with_load(load::held(0.0), &[LoadChange { at_s, load: carried }]),
+                None => board.with_load(carried, &[]),
+            };
             return Ok(Client::connect(Box::new(board))?);
         }
         Ok(Client::connect(link::open(&address, robot, self.seed)?)?)
@@ -126,8 +136,17 @@ impl BoardArguments {
 
     /// Connects, and makes the board ready to move `robot`.
     pub fn connect_ready(&self, robot: &Robot) -> Result<Client, CommandError> {
+        self.ready(robot, None)
+    }
+
+    /// The same, a simulated arm taking up its load only at that time after the start of a recording.
+    pub fn connect_ready_to_take_up(&self, robot: &Robot, at_s: f64) -> Result<Client, CommandError> {
+        self.ready(robot, Some(at_s))
+    }
+
+    fn ready(&self, robot: &Robot, taken_up_at_s: Option<f64>) -> Result<Client, CommandError> {
         let configuration = board_setup::configuration(robot)?;
-        let mut client = self.connect(robot)?;
+        let mut client = self.connect_to_arm(robot, taken_up_at_s)?;
         client.prepare(&configuration, self.pose(), self.clear_fault)?;
         Ok(client)
     }

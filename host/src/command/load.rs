@@ -30,7 +30,8 @@ Without --model, the board's active model is used; without one, and on a simulat
 
 Examples:
   armid load --board sim --load-kg 1.72
-  armid load --board sim --load-kg 1.2 --collect 1 --centre-error 0.1 --where host --json";
+  armid load --board sim --load-kg 1.2 --collect 1 --centre-error 0.1 --where host --json
+  armid load --board sim --load-kg 1.72 --differential";
 
 /// Arguments of `load`.
 #[derive(Debug, Args)]
@@ -79,7 +80,14 @@ pub struct LoadArguments {
     /// How long to collect rows, s: 0.1 to 1.05
     #[arg(long, value_name = "SECONDS", default_value_t = 0.2)]
     collect: f64,
+    /// The gripper is empty when the movement begins: rows of the empty arm first show what is wrong with the model, and the
+    /// load taken up in motion is found by its difference. A simulated arm takes it up after 1.5 s
+    #[arg(long)]
+    differential: bool,
 }
+
+/// When a simulated arm takes up its load where that is found by its difference from the empty arm, s.
+const TAKEN_UP_AT_S: f64 = 1.5;
 
 /// Two lengths in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,6 +116,7 @@ impl LoadArguments {
         }
         let settings = LoadSettings {
             by_host: place == Place::Host,
+            differential: self.differential,
             collect_rows: rows as u16,
             centre_standard_error_m: self.centre_error as f32,
             inertia_standard_error_kg_m2: self.inertia_error as f32,
@@ -146,7 +155,11 @@ impl LoadCommand {
         };
         let settings = self.load.settings(&robot, &model, self.place)?;
         movement.advise_margins();
-        let mut client = self.board.connect_ready(&robot)?;
+        let mut client = if self.load.differential {
+            self.board.connect_ready_to_take_up(&robot, TAKEN_UP_AT_S)?
+        } else {
+            self.board.connect_ready(&robot)?
+        };
         client.upload(&for_board(&robot, &model)?)?;
         client.identify_load(&settings)?;
         let seed = self.board.simulated_seed();
@@ -312,6 +325,9 @@ pub fn sentence(robot: &Robot, news: &LoadNews) -> String {
         LoadNews::Waiting(Waiting::RowsLost) => "waiting: rows were lost on the way to the identification".into(),
         LoadNews::Collecting => "collecting rows".into(),
         LoadNews::Searching => "searching for the load".into(),
+        LoadNews::Learned { noise_ratio } => format!(
+            "the empty arm has shown its model's errors (rows left {noise_ratio:.1} times the noise): take up the load"
+        ),
         LoadNews::Found(found) => active(found),
         LoadNews::Rejected(why, found) => format!(
             "not used: {:.2} ± {:.2} kg, because {}; collecting again",

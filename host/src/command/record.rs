@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use armid::board_setup;
 use armid::capture::{self, Circumstances, tracking_quality};
+use armid::margins::ArmLoop;
 use armid::recording::{Mode, Recording};
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -80,6 +81,11 @@ impl Record {
         let mut client = self.board.connect_ready(&robot)?;
         if let Some(model) = &model {
             client.upload(&for_board(&robot, model)?)?;
+        } else if matches!(self.mode, Controller::Ctc)
+            && let Some(active) = client.active_model()?
+        {
+            // The model that the board kept was checked with the robot file of its day.
+            ArmLoop::of_board(&robot, &active).check(&robot)?;
         }
         let run = Run {
             robot: &robot,

@@ -25,8 +25,13 @@ const FAR: f64 = 1.5;
 const AS_NEAR: f64 = 1.2;
 /// How many such shortlists are gone through until something brings the model nearer.
 const SHORTLISTS: usize = 3;
-/// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm.
+/// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm. One beside others may
+/// less: the model it joins has been freed of what was wrong.
 const WORSE: f64 = 1.02;
+const WORSE_BESIDE: f64 = 1.005;
+/// By what factor a spring has to narrow that gap beside a gap between the same joint's teeth, or the gap beside the spring:
+/// teeth are not rigid, and a shaft's stiffness beside its gap is no fault of its own.
+const TEETH: f64 = 0.95;
 /// A score must beat the largest of the null simulations by this factor and this much.
 const MARGIN_FACTOR: f64 = 1.25;
 const MARGIN: f64 = 10.0;
@@ -187,6 +192,10 @@ impl Case<'_> {
             }
             // An effect may weigh more where the noise is small and still lead the model away from the motion.
             confirmed.retain(|(rival, _)| rival.held_out_gap <= most_gap && rival.delta_bic >= threshold);
+            if round > 0 && !confirmed.is_empty() {
+                let reached = self.judging_gap(&current.hypothesis);
+                confirmed.retain(|(rival, _)| rival.held_out_gap <= may_widen(rival, &accepted) * reached);
+            }
             // While nothing comes near the floor, what is left is no noise, and weighing by noise means little: it decides
             // only among those that come about as near as any.
             let nearest = confirmed.iter().map(|(rival, _)| rival.held_out_gap).fold(f64::INFINITY, f64::min);
@@ -345,6 +354,14 @@ impl Case<'_> {
             }
         }
     }
+}
+
+/// By what factor a rival beside `accepted` effects may change the gap that they leave.
+fn may_widen(rival: &Rival, accepted: &[Accepted]) -> f64 {
+    let of_shaft = |name: &str| matches!(name, "backlash" | "joint-flexibility");
+    let instance = &rival.instance;
+    let same_shaft = accepted.iter().any(|other| of_shaft(other.name) && other.joint == instance.joint);
+    if of_shaft(instance.kind.name) && same_shaft { TEETH } else { WORSE_BESIDE }
 }
 
 /// The largest of the null scores but for two: a simulated start that happens to stick far off is no measure of chance.

@@ -118,7 +118,8 @@ macro_rules! arm {
     };
 }
 
-const fn size(name: &'static str, unit: &'static str, place: Place, step: f64, range: [f64; 2]) -> Parameter {
+/// A parameter that says how strong an effect is.
+pub const fn size(name: &'static str, unit: &'static str, place: Place, step: f64, range: [f64; 2]) -> Parameter {
     Parameter { name, unit, place, role: Role::Size, step, range, per_record: false }
 }
 const fn shape(name: &'static str, unit: &'static str, place: Place, step: f64, range: [f64; 2]) -> Parameter {
@@ -129,7 +130,7 @@ const fn phase(name: &'static str, place: Place, per_record: bool) -> Parameter 
 }
 
 /// Both ends unlimited, for what has no sign of its own.
-const ANY: [f64; 2] = [-1e6, 1e6];
+pub const ANY: [f64; 2] = [-1e6, 1e6];
 
 /// The library.
 pub const LIBRARY: [Kind; 26] = [

@@ -37,7 +37,7 @@ fn explained(effects: &[(&str, usize, &[f64])]) -> Explanation {
     let model = model(&robot);
     let baseline = baseline(&robot, &model, true);
     let effect = |(name, joint, values): &(&str, usize, &[f64])| {
-        Instance::new(kind(name).expect("an effect"), *joint, values, 1)
+        Instance::new(kind(name).or_else(|| strangers::kind_of(name)).expect("an effect"), *joint, values, 1)
     };
     let recordings = recordings(&robot, &baseline, effects.iter().map(effect).collect());
     let (fitted, check) = recordings.split_at(2);
@@ -74,6 +74,24 @@ fn a_single_lost_count_is_found() {
     let [finding] = &explanation.effects[..] else { panic!("{:?}", explanation.sentences) };
     assert_eq!((finding.name, finding.joint.as_str()), ("count-loss", "3"));
     assert!((finding.parameters["instant_s_1"].value - 1.3).abs() < 2e-3, "{:?}", finding.parameters);
+}
+
+/// A limited rate of the current delays it, as a lag does; crosstalk adds torque, as another torque constant does.
+#[test]
+fn what_only_resembles_an_effect_is_not_given_its_name() {
+    for (stranger, joint, value, resembled) in
+        [("current-slew", 0, 150.0, "current-lag"), ("crosstalk", 1, 0.04, "torque-constant")]
+    {
+        let explanation = explained(&[(stranger, joint, &[value])]);
+        assert_eq!(explanation.verdict, Verdict::Unknown, "{stranger}: {:?}", explanation.sentences);
+        let told = explanation.sentences.iter().any(|sentence| sentence.contains("behaves like"));
+        assert!(told, "{stranger}: {:?}", explanation.sentences);
+        // The effect itself keeps its name.
+        let size = if resembled == "current-lag" { 2e-4 } else { 0.03 };
+        let explanation = explained(&[(resembled, joint, &[size])]);
+        let [finding] = &explanation.effects[..] else { panic!("{resembled}: {:?}", explanation.sentences) };
+        assert_eq!((explanation.verdict, finding.name), (Verdict::Named, resembled), "{:?}", explanation.sentences);
+    }
 }
 
 /// An irregular torque of 5 % of the Coulomb friction is no robot's noise.

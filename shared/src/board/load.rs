@@ -124,7 +124,7 @@ impl LoadControl {
     pub(super) fn hear(&mut self, news: &LoadNews, tick: u64, period_ns: u64) {
         let Some(settings) = &self.settings else { return };
         let assumed = match news {
-            LoadNews::Waiting(_) => None,
+            LoadNews::Waiting(_) | LoadNews::Learned { .. } => None,
             LoadNews::Collecting => {
                 self.report.collecting_tick = tick;
                 None

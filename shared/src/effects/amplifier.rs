@@ -12,6 +12,9 @@ pub(super) struct Amplifier<S> {
     limit: S,
     dead_zone: S,
     lag: S,
+    slew: S,
+    inverse_slew: S,
+    drift: S,
     back_emf: S,
     /// Current of the full voltage at rest, A.
     stall: S,
@@ -49,6 +52,9 @@ impl<S: Scalar> Amplifier<S> {
             limit: drive.current_limit_a.minimum(effects.current_limit_a),
             dead_zone: effects.dead_zone_a,
             lag: effects.current_lag_s,
+            slew: effects.current_slew_a_per_s,
+            inverse_slew: ratio.constant(1.0) / effects.current_slew_a_per_s,
+            drift: effects.torque_constant_drift_per_s,
             back_emf: ratio * effects.back_emf_a_s_per_rad,
             stall: effects.supply_v / effects.winding_ohm,
             // In SI units the back-EMF constant is the torque constant.
@@ -80,7 +86,24 @@ impl<S: Scalar> Amplifier<S> {
         let decay = decay_over(x);
         let behind = current_a - target_a;
         let mean = (x * (x.constant(1.0) - decay)).mul_add(behind, target_a);
-        (decay.mul_add(behind, target_a), mean)
+        self.limited_a(current_a, decay.mul_add(behind, target_a), mean, period_s)
+    }
+
+    /// The same where the current's rate is limited: exact where it is that alone that holds the current back.
+    #[inline(always)]
+    fn limited_a(&self, current_a: S, end_a: S, mean_a: S, period_s: S) -> (S, S) {
+        let wanted = end_a - current_a;
+        let change = wanted.clamp_abs(self.slew * period_s);
+        // The share of the step that the change takes.
+        let taken = change.abs() * self.inverse_slew / period_s;
+        let kept = change * (-taken.constant(0.5)).mul_add(taken, taken.constant(1.0));
+        (current_a + change, mean_a - wanted + kept)
+    }
+
+    /// What a current of the motor counts for at a time after the start of the recording.
+    #[inline(always)]
+    pub fn drifted_a(&self, current_a: S, time_s: S) -> S {
+        current_a * self.drift.mul_add(time_s, time_s.constant(1.0))
     }
 }
 

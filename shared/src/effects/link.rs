@@ -6,8 +6,8 @@ use crate::scalar::Scalar;
 /// What acts on one link from outside.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Link<S> {
-    /// The balance spring.
-    pub spring: Spring<S>,
+    spring: Spring<S>,
+    slack: SlackSpring<S>,
     contact: S,
     contact_start: S,
     contact_end: S,
@@ -20,14 +20,33 @@ pub(super) struct Spring<S> {
     angle: S,
 }
 
+/// A spring that pulls only beyond its slack.
+#[derive(Clone, Copy, Debug)]
+struct SlackSpring<S> {
+    stiffness: S,
+    centre: S,
+    half_slack: S,
+}
+
 impl<S: Scalar> Link<S> {
     pub fn new(effects: &JointEffects<S>) -> Self {
         Self {
             spring: Spring::new(effects),
+            slack: SlackSpring {
+                stiffness: effects.slack_spring_nm_per_rad,
+                centre: effects.slack_centre_rad,
+                half_slack: effects.half_slack_rad,
+            },
             contact: effects.contact_nm,
             contact_start: effects.contact_start_s,
             contact_end: effects.contact_start_s + effects.contact_duration_s,
         }
+    }
+
+    /// The springs' torque at an angle of the joint, N m.
+    #[inline(always)]
+    pub fn spring_nm(&self, position_rad: S) -> S {
+        self.spring.torque_nm(position_rad) - self.slack.against_nm(position_rad)
     }
 
     /// The contact's mean torque over a step, N m.
@@ -47,5 +66,13 @@ impl<S: Scalar> Spring<S> {
     #[inline(always)]
     pub fn torque_nm(&self, position_rad: S) -> S {
         self.torque * (position_rad - self.angle).sin_cos().1
+    }
+}
+
+impl<S: Scalar> SlackSpring<S> {
+    #[inline(always)]
+    fn against_nm(&self, position_rad: S) -> S {
+        let off = position_rad - self.centre;
+        self.stiffness * (off - off.clamp_abs(self.half_slack))
     }
 }

@@ -70,6 +70,8 @@ pub struct ExtendedMachine<S> {
     shafts: [Shaft<S>; 2],
     links: [Link<S>; 2],
     encoders: [Encoder<S>; 2],
+    /// Joint torque per joint torque of the other motor.
+    crosstalk: [S; 2],
 }
 
 /// Where one encoder is wrong.
@@ -155,6 +157,7 @@ impl<S: Scalar> ExtendedMachine<S> {
         let one = body.tilt_rad.constant(1.0);
         let (sine, cosine) = body.tilt_rad.sin_cos();
         let counts_per_rad = [plant.drives[0].counts_per_rad(), plant.drives[1].counts_per_rad()];
+        let ratios = [plant.drives[0].gear_ratio, plant.drives[1].gear_ratio];
         Self {
             arm: loaded.arm,
             tilt: [sine, cosine],
@@ -169,6 +172,7 @@ impl<S: Scalar> ExtendedMachine<S> {
                 Encoder::new(second, plant.drives[0].gear_ratio, counts_per_rad[0]),
                 Encoder::new(third, plant.drives[1].gear_ratio, counts_per_rad[1]),
             ],
+            crosstalk: [second.crosstalk_share * ratios[0] / ratios[1], third.crosstalk_share * ratios[1] / ratios[0]],
         }
     }
 
@@ -214,8 +218,8 @@ impl<S: Scalar> ExtendedMachine<S> {
                 self.slow_friction_nm(1, middle[1], motion),
             ],
             outer_nm: [
-                self.links[0].spring.torque_nm(middle_link[0]) + self.links[0].contact_nm(motion.time_s, period_s),
-                self.links[1].spring.torque_nm(middle_link[1]) + self.links[1].contact_nm(motion.time_s, period_s),
+                self.links[0].spring_nm(middle_link[0]) + self.links[0].contact_nm(motion.time_s, period_s),
+                self.links[1].spring_nm(middle_link[1]) + self.links[1].contact_nm(motion.time_s, period_s),
             ],
             gear_torque_nm: motion.gear_torque_nm,
             friction_torque_nm: motion.friction_torque_nm,
@@ -279,8 +283,10 @@ impl<S: Scalar> Step<'_, S> {
     fn pass(&self, pose: &Pose<S>, motor_velocity: [S; 2], link_velocity: [S; 2]) -> (Passed<S>, [S; 2]) {
         let machine = self.machine;
         let period_s = self.period_s;
-        let (drive2, current2) = self.drive(0, motor_velocity[0]);
-        let (drive3, current3) = self.drive(1, motor_velocity[1]);
+        let (own2, wet2, current2) = self.drive(0, motor_velocity[0]);
+        let (own3, wet3, current3) = self.drive(1, motor_velocity[1]);
+        let drive2 = machine.crosstalk[0].mul_add(own3, own2 + wet2);
+        let drive3 = machine.crosstalk[1].mul_add(own2, own3 + wet3);
         let (low2, high2) = self.friction_range(0, motor_velocity[0]);
         let (low3, high3) = self.friction_range(1, motor_velocity[1]);
         let whole = machine.arm.inertia(pose);
@@ -306,14 +312,15 @@ impl<S: Scalar> Step<'_, S> {
         (two_mass.pass(&machine.shafts, period_s), [current2, current3])
     }
 
-    /// A motor's torque at its joint, dry friction apart, and its current at the end of the step.
+    /// A motor's torque at its joint, friction that is not dry, and the current at the end of the step.
     #[inline(always)]
-    fn drive(&self, joint: usize, velocity: S) -> (S, S) {
+    fn drive(&self, joint: usize, velocity: S) -> (S, S, S) {
         let amplifier = &self.machine.amplifiers[joint];
         let target = amplifier.target_a(self.held.input_a[joint], velocity);
         let (current, mean) = amplifier.lagged_a(self.motion.current_a[joint], target, self.period_s);
+        let mean = amplifier.drifted_a(mean, self.motion.time_s);
         let torque = amplifier.motor.joint_torque_nm(&self.motor_at[joint], mean, self.held.added_torque_nm[joint]);
-        (torque + self.machine.frictions[joint].wet_torque_nm(velocity), current)
+        (torque, self.machine.frictions[joint].wet_torque_nm(velocity), current)
     }
 
     #[inline(always)]
@@ -350,7 +357,7 @@ impl<S: Scalar> Machine<S> for ExtendedMachine<S> {
         let zero = self.number(0.0);
         let q = state.position_rad;
         let g = self.gravity_torque_nm(&Pose::at(q));
-        let gear_torque_nm = [g[0] - self.links[0].spring.torque_nm(q[0]), g[1] - self.links[1].spring.torque_nm(q[1])];
+        let gear_torque_nm = [g[0] - self.links[0].spring_nm(q[0]), g[1] - self.links[1].spring_nm(q[1])];
         Motion {
             motor: state,
             twist_rad: [self.shafts[0].twist_rad(gear_torque_nm[0]), self.shafts[1].twist_rad(gear_torque_nm[1])],

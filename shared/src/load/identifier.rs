@@ -1,7 +1,8 @@
 //! The three stages as a state machine: rows in, news out, and work in bounded pieces.
 
 use super::bundle::{Bundle, MODEL_UNKNOWNS, NOISE_COUNTS, NUISANCES, START_ROWS, UNKNOWNS, linear_load};
-use super::search::{Quadratic, Search, gradient};
+use super::learned::Learned;
+use super::search::{LARGEST_NOISE_RATIO, Quadratic, Search, gradient};
 use super::window::Window;
 use super::{LoadEstimate, LoadNews, LoadRow, LoadSetup, Rejected, Waiting};
 use crate::arm::Load;
@@ -9,8 +10,14 @@ use crate::arm::Load;
 /// Time a step of one replica takes on the board, ns; for a simulated board. From the time a search takes on the emulated one.
 pub const COST_NS_PER_REPLICA_STEP: u64 = 12_500;
 
-/// Runs of the bundle, each about the load that the one before found.
+/// Runs of the bundle at most, each about the load that the one before found; the first while the rows arrive.
 const ROUNDS: u8 = 3;
+/// From the second run on that is the last whose result is within so many standard errors of the load it ran with, and
+/// lowers the sum of squares by no more than this share: what a further one would correct is less.
+const SETTLED_ERRORS: f64 = 0.3;
+const SETTLED_SHARE: f64 = 0.05;
+/// Rows replayed with each that arrives: the first are behind, because the speed at the start takes some to be known.
+const ROWS_PER_ROW: usize = 2;
 /// Rows replayed in one piece of work: some 0.3 ms on the board, whose other tasks wait meanwhile.
 const ROWS_PER_PIECE: usize = 1;
 /// What the parts of a search cost, in steps of a replica: one unknown eliminated on average, a generation, and what comes
@@ -49,7 +56,11 @@ pub struct Piece {
 enum Stage {
     Off,
     Waiting,
-    Collecting,
+    /// Rows arrive, and the bundle runs over them once its start is known.
+    Collecting {
+        next: usize,
+        counts: [i32; 2],
+    },
     /// The bundle runs over the rows.
     Replaying {
         round: u8,
@@ -65,6 +76,11 @@ enum Stage {
     Searching {
         round: u8,
     },
+    /// The nuisances are eliminated from those before them: the arm is empty, and they are all there is to find.
+    Learning {
+        round: u8,
+        pivot: usize,
+    },
     /// The result is in use; every row is tested.
     Watching,
 }
@@ -75,6 +91,9 @@ pub struct Identifier {
     setup: Option<LoadSetup>,
     stage: Stage,
     waiting: Option<Waiting>,
+    /// Whether the rows to come are of an empty arm, and what such rows have shown.
+    learning: bool,
+    learned: Option<Learned>,
     /// The load that the bundle runs with.
     about: Load<f32>,
     nuisances: [f32; NUISANCES],
@@ -103,6 +122,8 @@ impl Identifier {
             setup: None,
             stage: Stage::Off,
             waiting: None,
+            learning: false,
+            learned: None,
             about: Load { mass_kg: 0.0, centre_m: [0.0; 2], inertia_kg_m2: 0.0 },
             nuisances: [0.0; NUISANCES],
             window: Window::new(),
@@ -118,7 +139,17 @@ impl Identifier {
     }
 
     /// Begins with the rows of a new movement.
+    ///
+    /// With [`LoadSettings::differential`] and no load assumed the arm is empty, and its errors are learned first; what was
+    /// learned holds until the model or the settings change.
+    ///
+    /// [`LoadSettings::differential`]: super::LoadSettings::differential
     pub fn begin(&mut self, setup: &LoadSetup) {
+        let same = |before: &LoadSetup| before.f == setup.f && before.settings == setup.settings;
+        self.learning = setup.settings.differential && setup.assumed.mass_kg == 0.0;
+        if self.learning || !self.setup.as_ref().is_some_and(same) {
+            self.learned = None;
+        }
         self.setup = Some(*setup);
         self.about = setup.assumed;
         self.recent_rows = 0;
@@ -140,7 +171,7 @@ impl Identifier {
 
     /// Whether there is work to do beside the rows.
     pub fn has_work(&self) -> bool {
-        matches!(self.stage, Stage::Replaying { .. } | Stage::Eliminating { .. } | Stage::Searching { .. })
+        !matches!(self.stage, Stage::Off | Stage::Waiting | Stage::Collecting { .. } | Stage::Watching)
     }
 
     /// Takes in the next row. Bounded time: at most a step of the bundle and a test.
@@ -160,12 +191,10 @@ impl Identifier {
         }
         self.recent_rows = (self.recent_rows + 1).min(self.recent.len());
         match self.stage {
-            Stage::Off | Stage::Replaying { .. } | Stage::Eliminating { .. } | Stage::Searching { .. } => {
-                Piece::default()
-            }
             Stage::Waiting => self.look_for_motion(row, lost),
-            Stage::Collecting => self.collect(&setup, row, lost),
+            Stage::Collecting { next, counts } => self.collect(&setup, row, lost, next, counts),
             Stage::Watching => self.watch(&setup, row, lost),
+            _ => Piece::default(),
         }
     }
 
@@ -200,14 +229,21 @@ impl Identifier {
         if let Some(joint) = self.slow_joint() {
             return self.still_waiting(Waiting::Slow { joint });
         }
-        self.stage = Stage::Collecting;
+        self.stage = Stage::Collecting { next: 0, counts: [0; 2] };
         self.waiting = None;
         self.window.clear();
         self.window.push(row);
         Piece { news: Some(LoadNews::Collecting), replica_steps: 0 }
     }
 
-    fn collect(&mut self, setup: &LoadSetup, row: &LoadRow, lost: bool) -> Piece {
+    fn collect(
+        &mut self,
+        setup: &LoadSetup,
+        row: &LoadRow,
+        lost: bool,
+        mut next: usize,
+        mut counts: [i32; 2],
+    ) -> Piece {
         if lost {
             self.wait();
             return self.still_waiting(Waiting::RowsLost);
@@ -219,16 +255,23 @@ impl Identifier {
             return self.still_waiting(Waiting::Slow { joint });
         }
         self.window.push(row);
-        if self.window.len() < usize::from(setup.settings.collect_rows) {
-            return Piece::default();
+        let mut replica_steps = 0;
+        if self.window.len() == 2 * START_ROWS + 1 {
+            self.nuisances = self.learned.as_ref().map_or([0.0; NUISANCES], Learned::nuisances);
+            (next, counts) = self.start_bundle(setup);
+        } else if next != 0 {
+            (next, counts, replica_steps) = self.replay_rows(setup, next, counts, ROWS_PER_ROW);
         }
-        self.nuisances = [0.0; NUISANCES];
-        self.replay(setup, 0);
-        Piece { news: Some(LoadNews::Searching), replica_steps: 0 }
+        if self.window.len() < usize::from(setup.settings.collect_rows) {
+            self.stage = Stage::Collecting { next, counts };
+            return Piece { news: None, replica_steps };
+        }
+        self.stage = Stage::Replaying { round: 0, next, counts };
+        Piece { news: Some(LoadNews::Searching), replica_steps }
     }
 
-    /// Starts the bundle over the rows collected.
-    fn replay(&mut self, setup: &LoadSetup, round: u8) {
+    /// Gets the bundle ready for the rows collected: the next of them, and the counts before it.
+    fn start_bundle(&mut self, setup: &LoadSetup) -> (usize, [i32; 2]) {
         let mut counts = self.window.first_counts();
         let mut middle = counts;
         for index in 0..=2 * START_ROWS {
@@ -243,7 +286,31 @@ impl Identifier {
         let start = self.window.row(START_ROWS, middle).counts;
         self.bundle.start(setup, linear_load(&self.about), &self.nuisances, start, speed);
         self.quadratic.clear();
-        self.stage = Stage::Replaying { round, next: START_ROWS, counts: middle };
+        (START_ROWS, middle)
+    }
+
+    /// Runs the bundle over so many rows more, as far as there are any.
+    fn replay_rows(
+        &mut self,
+        setup: &LoadSetup,
+        next: usize,
+        mut counts: [i32; 2],
+        rows: usize,
+    ) -> (usize, [i32; 2], u32) {
+        let end = (next + rows).min(self.window.len());
+        for index in next..end {
+            let row = self.window.row(index, counts);
+            counts = row.counts;
+            let shown = self.bundle.advance(setup, &row);
+            self.quadratic.add(&shown);
+        }
+        (end, counts, (end - next) as u32 * (UNKNOWNS as u32 + 1))
+    }
+
+    /// Starts the bundle over the rows collected once more.
+    fn replay(&mut self, setup: &LoadSetup, round: u8) {
+        let (next, counts) = self.start_bundle(setup);
+        self.stage = Stage::Replaying { round, next, counts };
     }
 
     /// Does a piece of the work there is, if any. Bounded time.
@@ -253,26 +320,59 @@ impl Identifier {
             Stage::Replaying { round, next, counts } => self.replay_on(&setup, round, next, counts),
             Stage::Eliminating { round, pivot } => self.eliminate_on(&setup, round, pivot),
             Stage::Searching { round } => self.search_on(&setup, round),
-            Stage::Off | Stage::Waiting | Stage::Collecting | Stage::Watching => Piece::default(),
+            Stage::Learning { round, pivot } => self.learn_on(&setup, round, pivot),
+            Stage::Off | Stage::Waiting | Stage::Collecting { .. } | Stage::Watching => Piece::default(),
         }
     }
 
-    fn replay_on(&mut self, setup: &LoadSetup, round: u8, next: usize, mut counts: [i32; 2]) -> Piece {
-        let end = (next + ROWS_PER_PIECE).min(self.window.len());
-        for index in next..end {
-            let row = self.window.row(index, counts);
-            counts = row.counts;
-            let shown = self.bundle.advance(setup, &row);
-            self.quadratic.add(&shown);
-        }
-        let replica_steps = (end - next) as u32 * (UNKNOWNS as u32 + 1);
-        if end < self.window.len() {
-            self.stage = Stage::Replaying { round, next: end, counts };
+    fn replay_on(&mut self, setup: &LoadSetup, round: u8, next: usize, counts: [i32; 2]) -> Piece {
+        let (next, counts, replica_steps) = self.replay_rows(setup, next, counts, ROWS_PER_PIECE);
+        if next < self.window.len() {
+            self.stage = Stage::Replaying { round, next, counts };
             return Piece { news: None, replica_steps };
         }
-        self.quadratic.expect(&self.nuisances);
-        self.stage = Stage::Eliminating { round, pivot: 0 };
+        self.quadratic.expect(&self.nuisances, self.learned.as_ref());
+        self.stage = if self.learning {
+            Stage::Learning { round, pivot: NUISANCES }
+        } else {
+            Stage::Eliminating { round, pivot: 0 }
+        };
         Piece { news: None, replica_steps }
+    }
+
+    /// What rows of an empty arm show of the model's errors.
+    fn learn_on(&mut self, setup: &LoadSetup, round: u8, pivot: usize) -> Piece {
+        if round > 0 && pivot == MODEL_UNKNOWNS {
+            self.learned = Some(Learned::new(&self.quadratic, self.quadratic.noise_ratio()));
+        }
+        if let Some(pivot) = pivot.checked_sub(1) {
+            self.quadratic.eliminate_backward(pivot);
+            self.stage = Stage::Learning { round, pivot };
+            return Piece { news: None, replica_steps: ELIMINATION_STEPS };
+        }
+        self.nuisances = self.quadratic.settled_nuisances(&self.nuisances);
+        let settled = round > 0 && self.quadratic.gained_share() <= SETTLED_SHARE;
+        if round + 1 < ROUNDS && !settled {
+            self.learned = None;
+            self.replay(setup, round + 1);
+            return Piece { news: None, replica_steps: SEARCH_STEPS };
+        }
+        let noise_ratio = self.quadratic.noise_ratio();
+        if !(noise_ratio <= LARGEST_NOISE_RATIO && self.nuisances.iter().all(|nuisance| nuisance.is_finite())) {
+            self.learned = None;
+            self.wait();
+            let news = LoadNews::Rejected(Rejected::Inconsistent, LoadEstimate { noise_ratio, ..LoadEstimate::NONE });
+            return Piece { news: Some(news), replica_steps: SEARCH_STEPS };
+        }
+        if let Some(learned) = &mut self.learned {
+            learned.is_at(&self.nuisances);
+        }
+        // The change test asks for variances: those that are left, with no load.
+        self.watch = Watch { noise_ratio: noise_ratio.max(1.0), ..Watch::new() };
+        self.quadratic.clear();
+        self.quadratic.expect(&self.nuisances, self.learned.as_ref());
+        self.stage = Stage::Eliminating { round, pivot: 0 };
+        Piece { news: Some(LoadNews::Learned { noise_ratio }), replica_steps: SEARCH_STEPS }
     }
 
     fn eliminate_on(&mut self, setup: &LoadSetup, round: u8, pivot: usize) -> Piece {
@@ -280,6 +380,12 @@ impl Identifier {
             self.quadratic.eliminate(pivot);
             self.stage = Stage::Eliminating { round, pivot: pivot + 1 };
             return Piece { news: None, replica_steps: ELIMINATION_STEPS };
+        }
+        if self.learning {
+            self.learning = false;
+            self.quadratic.hold(&self.about);
+            self.stage = Stage::Watching;
+            return Piece { news: None, replica_steps: SEARCH_STEPS };
         }
         self.searches = self.searches.wrapping_add(1);
         self.search = Search::new(&self.quadratic, &setup.settings, &self.about, self.searches);
@@ -297,7 +403,10 @@ impl Identifier {
             return Piece { news: None, replica_steps: GENERATION_STEPS };
         }
         let replica_steps = GENERATION_STEPS + SEARCH_STEPS;
-        if round + 1 < ROUNDS {
+        let settled = round > 0
+            && search.moved_errors() <= SETTLED_ERRORS
+            && search.gained_share(&self.quadratic) <= SETTLED_SHARE;
+        if round + 1 < ROUNDS && !settled {
             self.nuisances = search.nuisances(&self.quadratic, &self.nuisances);
             self.about = search.best();
             self.search = None;

@@ -5,7 +5,10 @@
 use rand_pcg::Pcg32;
 use serde::{Deserialize, Serialize};
 
-use super::bundle::{LOAD_UNKNOWNS, NOISE_COUNTS, NUISANCES, STATE_UNKNOWNS, Shown, UNKNOWNS, linear_load};
+use super::bundle::{
+    LOAD_UNKNOWNS, MODEL_UNKNOWNS, NOISE_COUNTS, NUISANCES, STATE_UNKNOWNS, Shown, UNKNOWNS, linear_load,
+};
+use super::learned::Learned;
 use super::{LoadSettings, Rejected};
 use crate::arm::Load;
 use crate::genetic::{Genetic, Range, Settings};
@@ -30,7 +33,7 @@ const SLACK_KG: f64 = 0.02;
 /// Largest standard error of a mass that is used, as a share of the largest mass.
 const LARGEST_ERROR: f64 = 0.25;
 /// Largest ratio of what the rows show to noise; above, they are not of one arm with one load.
-const LARGEST_NOISE_RATIO: f32 = 20.0;
+pub(super) const LARGEST_NOISE_RATIO: f32 = 20.0;
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -145,20 +148,74 @@ impl Quadratic {
     }
 
     /// Root mean square of the innovations over that of the noise.
-    fn noise_ratio(&self) -> f32 {
+    pub fn noise_ratio(&self) -> f32 {
         let degrees = (2 * self.rows).saturating_sub((STATE_UNKNOWNS + LOAD_UNKNOWNS) as u32).max(1);
         libm::sqrtf((self.squares / f64::from(degrees)) as f32)
     }
 
-    /// Gives every nuisance its standard normal prior, `assumed` being where they are now, in standard errors. After the
-    /// last row, before [`Self::eliminate`].
+    /// Gives every nuisance its standard normal prior, or what an empty arm has shown of it, `assumed` being where they are
+    /// now, in standard errors. After the last row, before [`Self::eliminate`].
     #[inline(never)]
-    pub fn expect(&mut self, assumed: &[f32; NUISANCES]) {
+    pub fn expect(&mut self, assumed: &[f32; NUISANCES], learned: Option<&Learned>) {
         self.flush();
-        for (unknown, &assumed) in assumed.iter().enumerate() {
-            self.matrix[place(unknown, unknown)] += 1.0;
-            self.vector[unknown] -= f64::from(assumed);
+        let shown = if let Some(learned) = learned {
+            learned.add_to(self, assumed);
+            MODEL_UNKNOWNS
+        } else {
+            0
+        };
+        for (unknown, &assumed) in assumed.iter().enumerate().skip(shown) {
+            self.add_prior(unknown, unknown, 1.0, [-f64::from(assumed); 2]);
         }
+    }
+
+    /// Adds an element of the inverse of a covariance to both of its places; `expected` are the means of its row's and of
+    /// its column's unknown from where they are now.
+    pub fn add_prior(&mut self, row: usize, column: usize, information: f64, expected: [f64; 2]) {
+        self.matrix[place(row, column)] += information;
+        self.vector[row] += information * expected[1];
+        if row != column {
+            self.vector[column] += information * expected[0];
+        }
+    }
+
+    /// An element of the upper triangle.
+    pub fn element(&self, row: usize, column: usize) -> f64 {
+        self.matrix[place(row, column)]
+    }
+
+    /// Eliminates a nuisance from those before it; the load stays where it is.
+    #[inline(never)]
+    pub fn eliminate_backward(&mut self, pivot: usize) {
+        let inverse = 1.0 / self.matrix[place(pivot, pivot)];
+        for row in 0..pivot {
+            let factor = self.matrix[place(row, pivot)] * inverse;
+            for column in row..pivot {
+                self.matrix[place(row, column)] -= factor * self.matrix[place(column, pivot)];
+            }
+            self.vector[row] -= factor * self.vector[pivot];
+        }
+    }
+
+    /// Where the nuisances are best when the load stays; after all of them were eliminated backward.
+    #[inline(never)]
+    pub fn settled_nuisances(&self, assumed: &[f32; NUISANCES]) -> [f32; NUISANCES] {
+        let mut solution = [0.0; NUISANCES];
+        let mut best = *assumed;
+        for unknown in 0..NUISANCES {
+            let mut sum = self.vector[unknown];
+            for earlier in 0..unknown {
+                sum -= self.matrix[place(earlier, unknown)] * solution[earlier];
+            }
+            solution[unknown] = sum / self.matrix[place(unknown, unknown)];
+            best[unknown] += solution[unknown] as f32;
+        }
+        best
+    }
+
+    /// Holds the load, which is `about`, and answers for variances then; after [`Self::expect`] and the elimination.
+    pub fn hold(&mut self, about: &Load<f32>) {
+        self.finish(&gradient(about), &Prior::known(about));
     }
 
     /// Eliminates one unknown from all after it. Apart from each other, because all at once take the board milliseconds.
@@ -189,6 +246,14 @@ impl Quadratic {
             }
         }
         reduced
+    }
+
+    /// By which share the best nuisances lower the sum of squares while the load stays; after the elimination, forward or
+    /// backward.
+    pub fn gained_share(&self) -> f64 {
+        let gained =
+            |unknown: usize| self.vector[unknown] * self.vector[unknown] / self.matrix[place(unknown, unknown)];
+        (0..NUISANCES).map(gained).sum::<f64>() / self.squares.max(1.0)
     }
 
     /// Where the nuisances are best when the load is moved by `moved`; after the elimination.
@@ -270,6 +335,12 @@ struct Prior {
 }
 
 impl Prior {
+    /// Of a load that is known.
+    fn known(load: &Load<f32>) -> Self {
+        let deviation = [KNOWN; LOAD_UNKNOWNS];
+        Self { mean: physical(load), deviation, information: deviation.map(|deviation| 1.0 / (deviation * deviation)) }
+    }
+
     fn new(settings: &LoadSettings) -> Self {
         let centre = f64::from(settings.centre_standard_error_m).max(KNOWN);
         let inertia = f64::from(settings.inertia_standard_error_kg_m2).max(KNOWN);
@@ -359,6 +430,21 @@ impl Search {
     /// The best load so far.
     pub(super) fn best(&self) -> Load<f32> {
         load_of(&self.genetic.best().0)
+    }
+
+    /// How far the best load is from the one that the bundle ran with, in the standard errors of whichever of mass, centre
+    /// and inertia moved most.
+    pub(super) fn moved_errors(&self) -> f64 {
+        let each = physical(&self.best()).into_iter().zip(physical(&self.about)).zip(self.deviation);
+        each.map(|((to, from), error)| libm::fabs(to - from) / error.max(KNOWN)).fold(0.0, f64::max)
+    }
+
+    /// By which share the best load and nuisances lower the sum of squares.
+    pub(super) fn gained_share(&self, quadratic: &Quadratic) -> f64 {
+        let best = physical(&self.best());
+        let from = linear_load(&self.about);
+        let of = |candidate: &[f64; LOAD_UNKNOWNS]| objective_of(&self.reduced, &self.prior, &from, candidate);
+        quadratic.gained_share() + (of(&physical(&self.about)) - of(&best)) / quadratic.squares.max(1.0)
     }
 
     /// Where the nuisances are best for the best load.

@@ -11,3 +11,4 @@ mod friction;
 mod links;
 mod off;
 mod shaft;
+mod strangers;

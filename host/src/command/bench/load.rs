@@ -18,7 +18,7 @@ use clap::Args;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use shared::arm::Arm;
-use shared::load::{LoadEstimate, LoadNews};
+use shared::load::{LoadEstimate, LoadNews, LoadSettings};
 use shared::protocol::{ControlLaw, CurrentScale, Sample};
 use shared::trajectory::Trajectory;
 
@@ -45,6 +45,9 @@ pub struct Load {
     /// How long nothing changes, hours of recorded motion
     #[arg(long, value_name = "HOURS", default_value_t = 1.0)]
     quiet_hours: f64,
+    /// Have the empty arm show its model's errors first; only loads taken up in motion are found then
+    #[arg(long)]
+    differential: bool,
     /// Seed of the first arm; the others take the ones after it
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -67,15 +70,16 @@ impl Load {
                 let mut random = Random::new(seed, 7);
                 let mass_kg = random.between(0.0, load::MAXIMUM_KG);
                 let at_s = random.between(PICKED_BETWEEN_S[0], PICKED_BETWEEN_S[1]);
-                let at_rest = pick(&robot, seed, mass_kg, 0.0)?;
+                let at_rest = if self.differential { None } else { Some(pick(&robot, seed, mass_kg, 0.0, false)?) };
                 bar.inc(1);
-                let moving = pick(&robot, seed, mass_kg, at_s)?;
+                let moving = pick(&robot, seed, mass_kg, at_s, self.differential)?;
                 bar.inc(1);
                 Ok((at_rest, moving))
             })
-            .collect::<Result<Vec<(Pick, Pick)>, CommandError>>()?;
+            .collect::<Result<Vec<(Option<Pick>, Pick)>, CommandError>>()?;
         bar.finish_and_clear();
-        let (at_rest, moving): (Vec<Pick>, Vec<Pick>) = both.into_iter().unzip();
+        let (at_rest, moving): (Vec<Option<Pick>>, Vec<Pick>) = both.into_iter().unzip();
+        let at_rest: Vec<Pick> = at_rest.into_iter().flatten().collect();
 
         let movements = (self.quiet_hours * 3600.0 / QUIET_PERIOD_S).ceil() as u64;
         let bar = progress::bar("bench load: no change", movements);
@@ -83,7 +87,7 @@ impl Load {
             .into_par_iter()
             .map(|arm| {
                 let count = QUIET_MOVEMENTS.min(movements - arm * QUIET_MOVEMENTS);
-                let triggers = quiet(&robot, self.seed + 100_000 + arm, count);
+                let triggers = quiet(&robot, self.seed + 100_000 + arm, count, self.differential);
                 bar.inc(count);
                 triggers
             })
@@ -92,13 +96,15 @@ impl Load {
             .sum::<usize>();
         bar.finish_and_clear();
         let quiet_s = movements as f64 * QUIET_PERIOD_S;
-        let studies = [("at rest", Study::of(&at_rest)), ("in motion", Study::of(&moving))];
+        let at_rest = (!at_rest.is_empty()).then(|| Study::of(&at_rest));
+        let moving = Study::of(&moving);
         if self.json {
             return print_json(&json!({
                 "seed": self.seed,
                 "picks": self.picks,
-                "at_rest": studies[0].1.to_json(),
-                "in_motion": studies[1].1.to_json(),
+                "differential": self.differential,
+                "at_rest": at_rest.as_ref().map(Study::to_json),
+                "in_motion": moving.to_json(),
                 "quiet_s": quiet_s,
                 "false_triggers": false_triggers,
             }));
@@ -111,7 +117,8 @@ impl Load {
             self.seed,
             self.seed + self.picks - 1
         )];
-        lines.extend(studies.iter().map(|(name, study)| study.text(name)));
+        lines.extend(at_rest.iter().map(|study| study.text("at rest")));
+        lines.push(moving.text("in motion"));
         lines.push(format!("no change: {false_triggers} false triggers in {quiet_s:.0} s of motion"));
         print(lines.join("\n"))
     }
@@ -149,6 +156,7 @@ fn board(
     seed: u64,
     from_start_kg: f64,
     changes: &[LoadChange],
+    differential: bool,
 ) -> Result<(Client, Model), CommandError> {
     let hidden = HiddenRobot::draw(robot, seed);
     let model = wrong_model(&hidden, seed);
@@ -156,7 +164,8 @@ fn board(
     let mut client = Client::connect_from(Box::new(board), 1)?;
     client.prepare(&armid::board_setup::configuration(robot)?, Pose::DefaultsTo([0.0; 2]), false)?;
     client.upload(&board_model(robot, &model)?)?;
-    client.identify_load(&load::settings(robot, &model, load::MAXIMUM_KG, load::GRASP_M))?;
+    let settings = load::settings(robot, &model, load::MAXIMUM_KG, load::GRASP_M);
+    client.identify_load(&LoadSettings { differential, ..settings })?;
     Ok((client, model))
 }
 
@@ -184,9 +193,9 @@ fn paper(period_s: f64) -> Result<Trajectory, CommandError> {
 }
 
 /// How often a change was seen where there was none.
-fn quiet(robot: &Robot, seed: u64, movements: u64) -> Result<usize, CommandError> {
-    let mass_kg = Random::new(seed, 7).between(0.0, load::MAXIMUM_KG);
-    let (mut client, _) = board(robot, seed, mass_kg, &[])?;
+fn quiet(robot: &Robot, seed: u64, movements: u64, differential: bool) -> Result<usize, CommandError> {
+    let mass_kg = if differential { 0.0 } else { Random::new(seed, 7).between(0.0, load::MAXIMUM_KG) };
+    let (mut client, _) = board(robot, seed, mass_kg, &[], differential)?;
     let trajectory = paper(QUIET_PERIOD_S)?;
     let mut triggers = 0;
     for _ in 0..movements {
@@ -211,11 +220,11 @@ struct Pick {
     largest_error_counts: [f64; 3],
 }
 
-fn pick(robot: &Robot, seed: u64, mass_kg: f64, at_s: f64) -> Result<Pick, CommandError> {
+fn pick(robot: &Robot, seed: u64, mass_kg: f64, at_s: f64, differential: bool) -> Result<Pick, CommandError> {
     let moving = at_s > 0.0;
     let change = [LoadChange { at_s, load: load::held(mass_kg) }];
     let (from_start_kg, changes): (f64, &[LoadChange]) = if moving { (0.0, &change) } else { (mass_kg, &[]) };
-    let (mut client, model) = board(robot, seed, from_start_kg, changes)?;
+    let (mut client, model) = board(robot, seed, from_start_kg, changes, differential)?;
     let trajectory = paper(PERIOD_S)?;
     let (samples, told) = movement(&mut client, robot, &trajectory)?;
     let after = |news: fn(&LoadNews) -> bool, from_s: f64| {

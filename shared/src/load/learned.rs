@@ -1,0 +1,61 @@
+//! What an empty arm has shown of the model's errors: with it a load is found by its difference from the empty arm.
+
+use super::bundle::{MODEL_UNKNOWNS, NUISANCES};
+use super::search::Quadratic;
+
+const ELEMENTS: usize = MODEL_UNKNOWNS * (MODEL_UNKNOWNS + 1) / 2;
+
+/// Where f1..f9 and friction are, and how well that is known: a normal distribution of all of them together.
+#[derive(Clone, Debug)]
+pub struct Learned {
+    /// The inverse of their covariance in the standard errors they had before, its upper triangle by rows.
+    information: [f64; ELEMENTS],
+    /// Where they are, in those standard errors from the model.
+    at: [f32; MODEL_UNKNOWNS],
+}
+
+impl Learned {
+    /// How well it is known, from a form of the rows of an empty arm whose states are eliminated; where it is, is still to
+    /// be told. What the rows say counts less by the square of `noise_ratio`, what they leave over what noise alone would.
+    #[inline(never)]
+    pub fn new(quadratic: &Quadratic, noise_ratio: f32) -> Self {
+        let share = 1.0 / f64::from(noise_ratio * noise_ratio).max(1.0);
+        let mut information = [0.0; ELEMENTS];
+        let mut next = information.iter_mut();
+        for row in 0..MODEL_UNKNOWNS {
+            for (column, element) in (row..MODEL_UNKNOWNS).zip(&mut next) {
+                let before = if row == column { 1.0 } else { 0.0 };
+                *element = before + share * (quadratic.element(row, column) - before);
+            }
+        }
+        Self { information, at: [0.0; MODEL_UNKNOWNS] }
+    }
+
+    /// Where it is.
+    pub fn is_at(&mut self, nuisances: &[f32; NUISANCES]) {
+        for (at, nuisance) in self.at.iter_mut().zip(nuisances) {
+            *at = *nuisance;
+        }
+    }
+
+    /// Where the nuisances are: those of the state at a first row are not known.
+    pub fn nuisances(&self) -> [f32; NUISANCES] {
+        core::array::from_fn(|unknown| self.at.get(unknown).copied().unwrap_or(0.0))
+    }
+
+    /// Adds what is known to a form whose nuisances are at `assumed`.
+    #[inline(never)]
+    pub fn add_to(&self, quadratic: &mut Quadratic, assumed: &[f32; NUISANCES]) {
+        let mut elements = self.information.iter();
+        for row in 0..MODEL_UNKNOWNS {
+            for (column, &element) in (row..MODEL_UNKNOWNS).zip(&mut elements) {
+                quadratic.add_prior(
+                    row,
+                    column,
+                    element,
+                    [row, column].map(|unknown| f64::from(self.at[unknown] - assumed[unknown])),
+                );
+            }
+        }
+    }
+}
