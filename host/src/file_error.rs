@@ -110,6 +110,16 @@ pub enum Problem {
     /// An effect cannot be.
     #[error("[[effect]]: {0}")]
     Effect(EffectError),
+    /// A model of another robot.
+    #[error("is a model of the robot \"{named}\" with identity {found}, but the robot file's is {expected}")]
+    OtherRobot {
+        /// The name of the model's robot.
+        named: String,
+        /// Its identity.
+        found: String,
+        /// That of the robot file.
+        expected: String,
+    },
     /// f1..f9 cannot be an arm.
     #[error("f.value: {0}")]
     NotAnArm(ArmError),

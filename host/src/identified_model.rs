@@ -3,7 +3,7 @@
 use shared::arm::PARAMETERS;
 
 use crate::identify::{Identification, Parameter, Values};
-use crate::model::{Effect, Model};
+use crate::model::{Effect, Model, ROBOT_IDENTITY};
 use crate::recording::Recording;
 use crate::robot::{Kind, Robot};
 
@@ -74,6 +74,7 @@ pub fn provenance(robot: &Robot, recordings: &[Recording], method: &str, seed: u
     toml::Table::from_iter([
         ("tool".to_string(), text(crate::TOOL_VERSION)),
         ("robot".to_string(), text(&robot.name)),
+        (ROBOT_IDENTITY.to_string(), text(&robot.identity())),
         ("recordings".to_string(), toml::Value::Array(paths)),
         ("method".to_string(), text(method)),
         // TOML's integers are signed; seeds above keep their bits.

@@ -103,6 +103,9 @@ struct FrictionText<'a> {
     coulomb_standard_error: &'a Option<Vec<f64>>,
 }
 
+/// Where a model's provenance has [`Robot::identity`] of the robot it was made for.
+pub const ROBOT_IDENTITY: &str = "robot_identity";
+
 impl Model {
     /// Reads and checks a model file of `robot`; friction left out of the file is the robot file's.
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, FileError> {
@@ -143,6 +146,7 @@ impl Model {
 
 fn from_text(text: &TomlText<'_>, robot: &Robot) -> Result<Model, FileError> {
     let raw: RawModel = text.parse()?;
+    check_robot(text, &raw.provenance, robot)?;
     let f = nine(text, "f.value", &raw.f.value)?;
     let f_standard_error = match &raw.f.standard_error {
         Some(values) => {
@@ -197,6 +201,17 @@ fn from_text(text: &TomlText<'_>, robot: &Robot) -> Result<Model, FileError> {
         effects: raw.effect,
         provenance: raw.provenance,
     })
+}
+
+/// Refuses a model that says it is of another robot; one that says nothing is taken as it is.
+fn check_robot(text: &TomlText<'_>, provenance: &toml::Table, robot: &Robot) -> Result<(), FileError> {
+    let word = |name: &str| provenance.get(name).and_then(toml::Value::as_str);
+    let expected = robot.identity();
+    let Some(found) = word(ROBOT_IDENTITY).filter(|found| *found != expected) else { return Ok(()) };
+    let problem = Problem::OtherRobot { named: word("robot").unwrap_or("?").into(), found: found.into(), expected };
+    let remedy = "pass the robot file that it was identified with as --robot; gear ratios, counts per revolution, torque \
+                  constants and gravity must be the same";
+    Err(text.error(None, problem, remedy))
 }
 
 fn nine(text: &TomlText<'_>, name: &str, values: &Spanned<Vec<f64>>) -> Result<[f64; PARAMETERS], FileError> {

@@ -2,6 +2,7 @@
 
 mod computed_torque;
 mod file;
+mod identity;
 
 use std::path::Path;
 

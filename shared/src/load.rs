@@ -22,6 +22,15 @@
 //! eliminated at every candidate, so what the data show of them is used, and what they leave open stands in the standard
 //! errors of the load. Centre and inertia have such priors as well: what the data cannot tell stays there.
 //!
+//! # The difference from the empty arm
+//! Where the gripper is empty when a movement begins ([`LoadSettings::differential`]), the first rows show f and friction as
+//! they are: the same sums, with the load held at none. What they leave of the unknowns' covariance is the prior of every
+//! identification after it, so that errors of the model cancel.
+//!
+//! # Time
+//! The first round of replicas runs while the rows arrive; a second, about the load it found, is the last where the result
+//! stays put. A third is the most there is.
+//!
 //! Left out: effects beyond the plain arm ([`crate::effects`]).
 
 mod bundle;

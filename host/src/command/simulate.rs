@@ -6,6 +6,7 @@ use armid::capture::tracking_quality;
 use armid::client::{Client, Pose};
 use armid::hidden_robot::HiddenRobot;
 use armid::link::SimulatedBoard;
+use armid::model::ROBOT_IDENTITY;
 use clap::Args;
 use serde_json::json;
 
@@ -70,6 +71,7 @@ impl Simulate {
         let truth_model = truth.to_model(toml::Table::from_iter([
             ("tool".to_string(), toml::Value::String(armid::TOOL_VERSION.into())),
             ("what".to_string(), toml::Value::String("the simulated robot itself".into())),
+            (ROBOT_IDENTITY.to_string(), toml::Value::String(robot.identity())),
         ]));
         let mut client = Client::connect(Box::new(SimulatedBoard::new(&robot, truth, self.seed)))?;
         client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false)?;

@@ -25,10 +25,8 @@ const FAR: f64 = 1.5;
 const AS_NEAR: f64 = 1.2;
 /// How many such shortlists are gone through until something brings the model nearer.
 const SHORTLISTS: usize = 3;
-/// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm. One beside others may
-/// less: the model it joins has been freed of what was wrong.
+/// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm.
 const WORSE: f64 = 1.02;
-const WORSE_BESIDE: f64 = 1.005;
 /// By what factor a spring has to narrow that gap beside a gap between the same joint's teeth, or the gap beside the spring:
 /// teeth are not rigid, and a shaft's stiffness beside its gap is no fault of its own.
 const TEETH: f64 = 0.95;
@@ -361,7 +359,7 @@ fn may_widen(rival: &Rival, accepted: &[Accepted]) -> f64 {
     let of_shaft = |name: &str| matches!(name, "backlash" | "joint-flexibility");
     let instance = &rival.instance;
     let same_shaft = accepted.iter().any(|other| of_shaft(other.name) && other.joint == instance.joint);
-    if of_shaft(instance.kind.name) && same_shaft { TEETH } else { WORSE_BESIDE }
+    if of_shaft(instance.kind.name) && same_shaft { TEETH } else { WORSE }
 }
 
 /// The largest of the null scores but for two: a simulated start that happens to stick far off is no measure of chance.

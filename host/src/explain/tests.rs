@@ -76,21 +76,20 @@ fn a_single_lost_count_is_found() {
     assert!((finding.parameters["instant_s_1"].value - 1.3).abs() < 2e-3, "{:?}", finding.parameters);
 }
 
-/// A limited rate of the current delays it, as a lag does; crosstalk adds torque, as another torque constant does.
+/// Crosstalk adds torque, as another torque constant does; a spring with slack is a spring.
 #[test]
 fn what_only_resembles_an_effect_is_not_given_its_name() {
-    for (stranger, joint, value, resembled) in
-        [("current-slew", 0, 150.0, "current-lag"), ("crosstalk", 1, 0.04, "torque-constant")]
-    {
-        let explanation = explained(&[(stranger, joint, &[value])]);
-        assert_eq!(explanation.verdict, Verdict::Unknown, "{stranger}: {:?}", explanation.sentences);
-        let told = explanation.sentences.iter().any(|sentence| sentence.contains("behaves like"));
-        assert!(told, "{stranger}: {:?}", explanation.sentences);
-        // The effect itself keeps its name.
-        let size = if resembled == "current-lag" { 2e-4 } else { 0.03 };
-        let explanation = explained(&[(resembled, joint, &[size])]);
-        let [finding] = &explanation.effects[..] else { panic!("{resembled}: {:?}", explanation.sentences) };
-        assert_eq!((explanation.verdict, finding.name), (Verdict::Named, resembled), "{:?}", explanation.sentences);
+    let strangers: [(&str, usize, &[f64]); 2] = [("crosstalk", 1, &[0.04]), ("slack-spring", 0, &[12.0, -0.8, 0.35])];
+    for stranger in strangers {
+        let explanation = explained(&[stranger]);
+        assert_eq!(explanation.verdict, Verdict::Unknown, "{stranger:?}: {:?}", explanation.sentences);
+    }
+    // The effects themselves keep their names.
+    let effects: [(&str, usize, &[f64]); 2] = [("torque-constant", 1, &[0.03]), ("gravity-spring", 0, &[3.0, 0.4])];
+    for effect in effects {
+        let explanation = explained(&[effect]);
+        let [finding] = &explanation.effects[..] else { panic!("{effect:?}: {:?}", explanation.sentences) };
+        assert_eq!((explanation.verdict, finding.name), (Verdict::Named, effect.0), "{:?}", explanation.sentences);
     }
 }
 

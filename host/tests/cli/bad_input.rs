@@ -168,3 +168,17 @@ fn friction_in_another_unit_is_refused() {
         &["bad.toml:", "coulomb_friction_nm", "124", "greatest torque", "unit"],
     );
 }
+
+#[test]
+fn a_model_of_another_robot_is_refused() {
+    let bench = Bench::new();
+    bench.done("simulate --settle 0 --out x.csv --truth truth.toml");
+    // Another gearbox, whose friction and f this model knows nothing of; another loop period is still the same robot.
+    bench.spoil("robot.toml", "geared.toml", |text| text.replace("gear_ratio = -53.7", "gear_ratio = -50.0"));
+    bench.spoil("robot.toml", "fast.toml", |text| text.replace("loop_period_s = 0.0007", "loop_period_s = 0.00035"));
+    for command in ["track --board sim", "upload --board sim", "record --board sim --mode ctc", "load --board sim"] {
+        let command = |robot: &str| format!("{command} --robot {robot} --model truth.toml");
+        bench.refused(BAD_FILE, &command("geared.toml"), &["truth.toml", "identity", "--robot", "gear ratios"]);
+    }
+    bench.done("upload --board sim --robot fast.toml --model truth.toml");
+}

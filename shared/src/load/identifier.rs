@@ -290,6 +290,7 @@ impl Identifier {
     }
 
     /// Runs the bundle over so many rows more, as far as there are any.
+    #[inline(never)]
     fn replay_rows(
         &mut self,
         setup: &LoadSetup,
@@ -341,6 +342,7 @@ impl Identifier {
     }
 
     /// What rows of an empty arm show of the model's errors.
+    #[inline(never)]
     fn learn_on(&mut self, setup: &LoadSetup, round: u8, pivot: usize) -> Piece {
         if round > 0 && pivot == MODEL_UNKNOWNS {
             self.learned = Some(Learned::new(&self.quadratic, self.quadratic.noise_ratio()));

@@ -250,6 +250,7 @@ impl Quadratic {
 
     /// By which share the best nuisances lower the sum of squares while the load stays; after the elimination, forward or
     /// backward.
+    #[inline(never)]
     pub fn gained_share(&self) -> f64 {
         let gained =
             |unknown: usize| self.vector[unknown] * self.vector[unknown] / self.matrix[place(unknown, unknown)];
@@ -369,6 +370,7 @@ fn load_of(genes: &[f64; LOAD_UNKNOWNS]) -> Load<f32> {
 }
 
 /// How [`linear_load`] moves with mass, centre and inertia: rows by the former, columns by the latter.
+#[inline(never)]
 pub(super) fn gradient(load: &Load<f32>) -> [[f64; LOAD_UNKNOWNS]; LOAD_UNKNOWNS] {
     let [mass, x, y, _] = physical(load);
     [
@@ -416,6 +418,7 @@ impl Search {
     }
 
     /// One generation; true once all are done.
+    #[inline(never)]
     pub(super) fn step(&mut self) -> bool {
         let Self { genetic, reduced, prior, about, .. } = self;
         let from = linear_load(about);
@@ -428,12 +431,14 @@ impl Search {
     }
 
     /// The best load so far.
+    #[inline(never)]
     pub(super) fn best(&self) -> Load<f32> {
         load_of(&self.genetic.best().0)
     }
 
     /// How far the best load is from the one that the bundle ran with, in the standard errors of whichever of mass, centre
     /// and inertia moved most.
+    #[inline(never)]
     pub(super) fn moved_errors(&self) -> f64 {
         let each = physical(&self.best()).into_iter().zip(physical(&self.about)).zip(self.deviation);
         each.map(|((to, from), error)| libm::fabs(to - from) / error.max(KNOWN)).fold(0.0, f64::max)
@@ -532,6 +537,7 @@ fn objective_of(
 }
 
 /// Mass, centre and inertia where the form is least with nothing limited, and their standard deviations.
+#[inline(never)]
 fn solve(reduced: &Reduced, prior: &Prior, about: &Load<f32>) -> Option<([f64; LOAD_UNKNOWNS], [f64; LOAD_UNKNOWNS])> {
     const N: usize = LOAD_UNKNOWNS;
     let gradient = gradient(about);
