@@ -25,7 +25,7 @@ fn record(robot: &Robot, period_s: f64) -> Recording {
     let movement = client.run(&plan, &mut |_| {}).unwrap();
     let board = client.info().clone();
     let circumstances =
-        Circumstances { robot, mode: Mode::P, trajectory: "paper".into(), board: &board, seed: Some(SEED) };
+        Circumstances { robot, mode: Mode::P, trajectory: "paper".into(), board: board.clone(), seed: Some(SEED) };
     capture::recording(&movement, &circumstances, "run.csv".into())
 }
 

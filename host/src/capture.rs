@@ -18,7 +18,7 @@ pub struct Circumstances<'a> {
     /// The movement in words.
     pub trajectory: String,
     /// Who the board is.
-    pub board: &'a Info,
+    pub board: Info,
     /// Seed of a simulated robot.
     pub seed: Option<u64>,
 }

@@ -35,6 +35,7 @@ pub mod hidden_effect;
 pub mod hidden_robot;
 pub mod identified_model;
 pub mod identify;
+pub mod journal;
 pub mod lanes;
 pub mod link;
 pub mod links;

@@ -73,6 +73,11 @@ impl Recording {
         write::write(self, path, robot)
     }
 
+    /// The lines of its samples as they stand in the file, to be added to one that has others already.
+    pub fn rows_to_csv(&self) -> String {
+        write::rows(self)
+    }
+
     /// How many samples.
     pub fn samples(&self) -> usize {
         self.tick.len()

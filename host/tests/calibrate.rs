@@ -19,8 +19,7 @@ fn record(robot: &Robot, seed: u64) -> Recording {
     let movement = client.run(&plan, &mut |_| {}).unwrap();
     assert_eq!(movement.partial, None);
     let board = client.info().clone();
-    let circumstances =
-        Circumstances { robot, mode: Mode::P, trajectory: "paper".into(), board: &board, seed: Some(seed) };
+    let circumstances = Circumstances { robot, mode: Mode::P, trajectory: "paper".into(), board, seed: Some(seed) };
     capture::recording(&movement, &circumstances, "run.csv".into())
 }
 

@@ -111,8 +111,7 @@ fn record(robot: &Robot, hidden: HiddenRobot) -> Recording {
     let plan = MovementPlan { law: ControlLaw::Position, settle_ns: 500_000_000 };
     let movement = client.run(&plan, &mut |_| {}).unwrap();
     let board = client.info().clone();
-    let circumstances =
-        Circumstances { robot, mode: Mode::P, trajectory: "paper".into(), board: &board, seed: Some(SEED) };
+    let circumstances = Circumstances { robot, mode: Mode::P, trajectory: "paper".into(), board, seed: Some(SEED) };
     capture::recording(&movement, &circumstances, "run.csv".into())
 }
 

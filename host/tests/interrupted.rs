@@ -8,7 +8,7 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use armid::link::{Link as _, SimulatedBoard};
-use armid::recording::Recording;
+use armid::recording::{ReadOptions, Recording};
 use armid::robot::Robot;
 use shared::protocol::{Decoder, Request};
 
@@ -193,6 +193,32 @@ fn a_recording_that_could_not_be_written_is_read_again_from_the_board() {
     let output = again("--out other.csv --robot half.toml");
     assert_eq!(output.status.code(), Some(USAGE), "{}", text(&output));
     assert!(text(&output).contains("other robot constants"), "{}", text(&output));
+}
+
+#[test]
+#[cfg(unix)]
+fn what_a_killed_program_recorded_is_on_disk_and_marked() {
+    let folder = tempfile::tempdir().unwrap();
+    let (address, seen) = board(60_000, Box::new(|| {}), nothing_awaited);
+    let command = format!("record --board {address} --settle 0.2 --out run.csv");
+    let mut child: Child = armid(folder.path(), &format!("{command} --pose 0,0")).spawn().unwrap();
+    assert!(seen.iter().any(|name| name == ACCIDENT), "it ended before it could be killed");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!folder.path().join("run.csv").exists());
+    let left = folder.path().join("run.unfinished.csv");
+    let recording = Recording::read(&left, &Robot::paper(), ReadOptions { allow_gaps: true }).unwrap();
+    assert!((100..5214).contains(&recording.samples()), "{} samples", recording.samples());
+    assert!(recording.manifest.unwrap().partial.unwrap().contains("the program ended"));
+
+    // It is not written over unasked, and gone once a recording is whole.
+    let output = armid(folder.path(), &command).output().unwrap();
+    assert_eq!(output.status.code(), Some(USAGE), "{}", text(&output));
+    assert!(text(&output).contains("run.unfinished.csv") && left.exists(), "{}", text(&output));
+    let output = armid(folder.path(), "record --board sim --settle 0.2 --out run.csv --force").output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+    assert_eq!(read(&folder.path().join("run.csv")).samples(), 5214);
+    assert!(!left.exists() && !left.with_extension("toml").exists());
 }
 
 #[test]

@@ -8,6 +8,7 @@ use armid::board_setup;
 use armid::client::{Client, Pose};
 use armid::compensation;
 use armid::hidden_robot::HiddenRobot;
+use armid::journal::{self, Journal};
 use armid::link::{self, Address, LoadChange, SimulatedBoard};
 use armid::load;
 use armid::margins::ArmLoop;
@@ -298,6 +299,15 @@ pub fn check_recording_outputs<'a>(
         return Err(CommandError::Usage(format!(
             "{} exists; choose another --out, or replace it with --force",
             recording.display()
+        )));
+    }
+    let unfinished = Journal::path_of(recording);
+    if existing == Existing::Keep && unfinished.exists() {
+        return Err(CommandError::Usage(format!(
+            "{} is there: {}, and these are the rows that came; move it away, or let it be replaced with --force (a board \
+             that was not reset since may still have the whole movement: `armid record --last`)",
+            unfinished.display(),
+            journal::UNFINISHED
         )));
     }
     if sidecar.is_file() && Manifest::read(&sidecar).is_err() {

@@ -68,7 +68,7 @@ impl Common {
     ) -> Result<Recording, CommandError> {
         let movement = TrajectoryArguments::paper(period_s).prepare(robot)?;
         let run = Run { robot, movement: &movement, mode, seed: Some(self.seed), path: self.out.join(file) };
-        let ran = run.on(client)?;
+        let mut ran = run.on(client)?;
         ran.write(robot)?;
         ran.whole()
     }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use armid::capture::tracking_quality;
-use armid::client::Client;
+use armid::client::{Client, MovementWatcher};
 use armid::load::{self, HostIdentifier, Listener, Told};
 use armid::model::Model;
 use armid::recording::{Mode, Recording};
@@ -166,15 +166,18 @@ impl LoadCommand {
         let path = self.out.clone().unwrap_or_default();
         let run = Run { robot: &robot, movement: &movement, mode: Mode::Ctc, seed, path };
         let mut show = |told: &Told| advise(sentence(&robot, &told.news));
-        let (ran, told, searched_s) = match self.place {
+        let moved = |client: &mut Client, watcher: &mut dyn MovementWatcher| {
+            if self.out.is_some() { run.recorded(client, watcher) } else { run.watched(client, watcher) }
+        };
+        let (mut ran, told, searched_s) = match self.place {
             Place::Board => {
                 let mut listener = Listener::new(&robot, &mut show);
-                let ran = run.watched(&mut client, &mut listener)?;
+                let ran = moved(&mut client, &mut listener)?;
                 (ran, listener.told, None)
             }
             Place::Host => {
                 let mut identifier = HostIdentifier::new(&load::setup(&robot, &model, &settings), &mut show);
-                let ran = run.watched(&mut client, &mut identifier)?;
+                let ran = moved(&mut client, &mut identifier)?;
                 let searched_s = identifier.searched.last().map(|duration| duration.as_secs_f64());
                 (ran, identifier.told, searched_s)
             }

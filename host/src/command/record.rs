@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use armid::board_setup;
 use armid::capture::{self, Circumstances, tracking_quality};
+use armid::client::Unwatched;
 use armid::margins::ArmLoop;
 use armid::recording::{Mode, Recording};
 use clap::{Args, ValueEnum};
@@ -94,7 +95,7 @@ impl Record {
             seed: self.board.simulated_seed(),
             path: self.out.clone(),
         };
-        let ran = run.on(&mut client)?;
+        let mut ran = run.recorded(&mut client, &mut Unwatched)?;
         ran.write(&robot)?;
         self.report(&ran.recording)?;
         ran.whole().map(drop)
@@ -128,7 +129,7 @@ impl Record {
             robot: &robot,
             mode: if info.model_crc.is_some() { Mode::Ctc } else { Mode::P },
             trajectory: format!("read again from the board: movement {}", info.movement),
-            board: &board,
+            board,
             seed: None,
         };
         let recording = capture::recording(&movement, &circumstances, self.out.clone());

@@ -4,9 +4,11 @@ use std::path::PathBuf;
 
 use armid::capture::{self, Circumstances};
 use armid::client::{Client, Movement, MovementPlan, MovementWatcher, Unwatched};
+use armid::journal::Journal;
 use armid::recording::{Mode, Recording};
 use armid::robot::Robot;
-use shared::protocol::{ControlLaw, LimitsActive};
+use shared::load::LoadNews;
+use shared::protocol::{ControlLaw, Info, LimitsActive, Request, Sample};
 
 use super::common::{Prepared, advise};
 use super::{CommandError, interrupt, progress};
@@ -21,16 +23,33 @@ pub struct Run<'a> {
     pub path: PathBuf,
 }
 
-impl Run<'_> {
+impl<'a> Run<'a> {
     /// Loads, runs and reads the movement; tells on stderr about rows lost and limits that acted.
     ///
     /// A movement that ended early still gives its recording, marked as partial.
-    pub fn on(&self, client: &mut Client) -> Result<Ran, CommandError> {
+    pub fn on(&self, client: &mut Client) -> Result<Ran<'a>, CommandError> {
         self.watched(client, &mut Unwatched)
     }
 
     /// [`Self::on`] with somebody looking on.
-    pub fn watched(&self, client: &mut Client, watcher: &mut dyn MovementWatcher) -> Result<Ran, CommandError> {
+    pub fn watched(&self, client: &mut Client, watcher: &mut dyn MovementWatcher) -> Result<Ran<'a>, CommandError> {
+        self.run(client, watcher, None)
+    }
+
+    /// [`Self::on`], every row on disk beside the recording to be as soon as it comes, so that not even a killed program
+    /// loses it.
+    pub fn recorded(&self, client: &mut Client, watcher: &mut dyn MovementWatcher) -> Result<Ran<'a>, CommandError> {
+        let board = client.info().clone();
+        let journal = Journal::begin(&self.path, self.circumstances(&board))?;
+        self.run(client, watcher, Some(journal))
+    }
+
+    fn run(
+        &self,
+        client: &mut Client,
+        watcher: &mut dyn MovementWatcher,
+        mut journal: Option<Journal<'a>>,
+    ) -> Result<Ran<'a>, CommandError> {
         client.load_trajectory(&self.movement.trajectory)?;
         let law = match self.mode {
             Mode::P => ControlLaw::Position,
@@ -39,22 +58,48 @@ impl Run<'_> {
         let plan = MovementPlan { law, settle_ns: self.movement.settle_ns };
         let mut show = progress::of_movement(&self.movement.name);
         client.end_movements_on(interrupt::watch(&CTRL_C));
-        let movement = client.run_watched(&plan, &mut show, watcher);
+        let mut both = Journaled { journal: journal.as_mut(), watcher };
+        let movement = client.run_watched(&plan, &mut show, &mut both);
         interrupt::leave();
         let movement = movement?;
         report(&movement);
+        if let Some(error) = journal.as_ref().and_then(Journal::failure) {
+            advise(format!("the rows were not kept on disk as they came: {error}"));
+        }
         let board = client.info().clone();
-        let circumstances = Circumstances {
+        let recording = capture::recording(&movement, &self.circumstances(&board), self.path.clone());
+        // What is still in the memory of a simulated board ends with this process.
+        let reread_from = Some(client.address()).filter(|address| address != SIMULATED);
+        Ok(Ran { recording, board_lost: movement.recording.is_none(), reread_from, journal })
+    }
+
+    fn circumstances(&self, board: &Info) -> Circumstances<'a> {
+        Circumstances {
             robot: self.robot,
             mode: self.mode,
             trajectory: self.movement.name.clone(),
-            board: &board,
+            board: board.clone(),
             seed: self.seed,
-        };
-        let recording = capture::recording(&movement, &circumstances, self.path.clone());
-        // What is still in the memory of a simulated board ends with this process.
-        let reread_from = Some(client.address()).filter(|address| address != SIMULATED);
-        Ok(Ran { recording, board_lost: movement.recording.is_none(), reread_from })
+        }
+    }
+}
+
+/// A journal beside whoever looks on.
+struct Journaled<'a, 'b> {
+    journal: Option<&'a mut Journal<'b>>,
+    watcher: &'a mut dyn MovementWatcher,
+}
+
+impl MovementWatcher for Journaled<'_, '_> {
+    fn row(&mut self, sample: &Sample) -> Option<Request> {
+        if let Some(journal) = &mut self.journal {
+            journal.push(sample);
+        }
+        self.watcher.row(sample)
+    }
+
+    fn load(&mut self, tick: u64, news: &LoadNews) {
+        self.watcher.load(tick, news);
     }
 }
 
@@ -68,26 +113,35 @@ const CTRL_C: [&str; 2] = [
 const SIMULATED: &str = "sim";
 
 /// What running a movement brought.
-pub struct Ran {
+pub struct Ran<'a> {
     /// The recording, not yet written.
     pub recording: Recording,
     /// The board went away before the end.
     board_lost: bool,
     /// The board that still has it in its memory, if there is one.
     reread_from: Option<String>,
+    /// Its rows as they came, on disk until it is written itself.
+    journal: Option<Journal<'a>>,
 }
 
-impl Ran {
+impl Ran<'_> {
     /// Why the recording is only part of its movement, if it is.
     pub fn partial(&self) -> Option<&str> {
         self.recording.manifest.as_ref()?.partial.as_deref()
     }
 
     /// Writes the recording; one without a row is left out. Where that fails, tells how to get at the rows again.
-    pub fn write(&self, robot: &Robot) -> Result<(), CommandError> {
-        if self.recording.samples() == 0 {
-            return Ok(());
+    pub fn write(&mut self, robot: &Robot) -> Result<(), CommandError> {
+        if self.recording.samples() > 0 {
+            self.write_rows(robot)?;
         }
+        if let Some(journal) = self.journal.take() {
+            journal.remove();
+        }
+        Ok(())
+    }
+
+    fn write_rows(&self, robot: &Robot) -> Result<(), CommandError> {
         self.recording.write(&self.recording.path, robot).map_err(|error| {
             if let Some(address) = &self.reread_from {
                 advise(format!(

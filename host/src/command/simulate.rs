@@ -89,7 +89,7 @@ impl Simulate {
             seed: Some(self.seed),
             path: self.out.clone(),
         };
-        let ran = run.on(&mut client)?;
+        let mut ran = run.on(&mut client)?;
         ran.write(&robot)?;
         if let Some(path) = &self.truth {
             truth_model.write(path)?;

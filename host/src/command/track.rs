@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use armid::capture::{Effort, TrackingQuality, efforts, tracking_quality};
-use armid::client::Client;
+use armid::client::{Client, Unwatched};
 use armid::compensation::without_effects;
 use armid::margins::ArmLoop;
 use armid::model::Model;
@@ -84,10 +84,12 @@ impl Track {
         let mut client = self.board.connect_ready(&robot)?;
         let run = |client: &mut Client, mode: Mode, name: &str| {
             let seed = self.board.simulated_seed();
-            let ran = Run { robot: &robot, movement: &movement, mode, seed, path: path(name) }.on(client)?;
-            if self.out.is_some() {
-                ran.write(&robot)?;
+            let run = Run { robot: &robot, movement: &movement, mode, seed, path: path(name) };
+            if self.out.is_none() {
+                return run.on(client)?.whole();
             }
+            let mut ran = run.recorded(client, &mut Unwatched)?;
+            ran.write(&robot)?;
             ran.whole()
         };
         match &plain {

@@ -19,6 +19,12 @@ pub(super) fn write(recording: &Recording, path: &Path, robot: &Robot) -> Result
 pub(super) fn to_csv(recording: &Recording, robot: &Robot) -> String {
     let mut text = header(robot, recording.command_a.is_some(), recording.added_torque.is_some());
     text.push('\n');
+    text + &rows(recording)
+}
+
+/// The lines of the samples alone.
+pub(super) fn rows(recording: &Recording) -> String {
+    let mut text = String::new();
     let groups = [
         Some(&recording.reference_counts),
         Some(&recording.error_counts),

@@ -28,8 +28,13 @@ pub fn record(client: &mut Client, period_s: f64) -> Movement {
 
 fn recording(client: &Client, movement: &Movement) -> Recording {
     let robot = robot();
-    let circumstances =
-        Circumstances { robot: &robot, mode: Mode::P, trajectory: "paper".into(), board: client.info(), seed: None };
+    let circumstances = Circumstances {
+        robot: &robot,
+        mode: Mode::P,
+        trajectory: "paper".into(),
+        board: client.info().clone(),
+        seed: None,
+    };
     capture::recording(movement, &circumstances, PathBuf::from("wire.csv"))
 }
 

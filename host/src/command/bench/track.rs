@@ -167,7 +167,7 @@ fn track_one(
         }
         done();
         let board = client.info().clone();
-        let circumstances = Circumstances { robot, mode, trajectory: "bench".into(), board: &board, seed: Some(seed) };
+        let circumstances = Circumstances { robot, mode, trajectory: "bench".into(), board, seed: Some(seed) };
         Ok(capture::recording(&movement, &circumstances, "bench.csv".into()))
     };
     let training: Vec<Recording> = TRAINING_PERIODS_S

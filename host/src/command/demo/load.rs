@@ -97,7 +97,7 @@ impl LoadDemo {
         let run = Run { robot, movement: &movement, mode: Mode::Ctc, seed: Some(self.common.seed), path };
         let mut show = |told: &Told| advise(format!("    {}", sentence(robot, &told.news)));
         let mut listener = Listener::new(robot, &mut show);
-        let ran = run.watched(client, &mut listener)?;
+        let mut ran = run.watched(client, &mut listener)?;
         ran.write(robot)?;
         // The first row is too early to tell of motion, so that is told with it.
         let start_s = listener.told.first().map_or(0.0, |told| told.at_s);
