@@ -14,6 +14,7 @@ mod load;
 mod movements;
 mod native;
 mod periods;
+mod soak;
 mod start;
 mod steps;
 mod storage;
@@ -41,6 +42,7 @@ pub use load::*;
 pub use movements::*;
 pub use native::NativeBoard;
 pub use periods::*;
+pub use soak::*;
 pub use start::*;
 pub use steps::*;
 pub use storage::*;
@@ -146,6 +148,7 @@ macro_rules! test_every_scenario {
             frames_of_another_version_are_answered_and_do_nothing
             a_load_is_identified_on_the_board_when_it_is_picked_and_dropped
             a_load_and_its_centre_are_found_by_the_difference_from_the_empty_arm
+            movements_follow_each_other_whatever_the_line_does
             counters_may_wrap_during_a_movement
             every_edge_counts_up_to_ten_times_the_fastest_movement
             a_motor_that_trembles_about_an_edge_loses_no_count
