@@ -37,7 +37,7 @@ mod sentences;
 mod shortlist;
 mod simulate;
 mod threshold;
-mod trace;
+pub(crate) mod trace;
 mod verdict;
 
 #[cfg(test)]
@@ -47,7 +47,6 @@ pub use audit::AuditError;
 pub use curves::Curve;
 pub use findings::{BeforeAfter, Candidate, Explanation, Finding, FoundParameter, Gap};
 pub use next::NextTrajectory;
-pub use report::{Line, Picture};
 pub use verdict::Verdict;
 
 use std::path::PathBuf;
