@@ -121,9 +121,8 @@ impl Explanation {
             self.threshold[1], self.threshold[0]
         );
         sections.push(Section::new("What was tried").text(named_from).table(tried));
-        if !self.ruled_out.is_empty() {
-            sections.push(Section::new("Ruled out by the screen").text(self.ruled_out.join(", ")));
-        }
+        let ruled_out = if self.ruled_out.is_empty() { "None.".into() } else { self.ruled_out.join(", ") };
+        sections.push(Section::new("Ruled out by the screen").text(ruled_out));
         sections.push(Section::new("Pictures").pictures(self.pictures.clone()));
         sections
     }

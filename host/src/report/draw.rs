@@ -10,7 +10,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::picture::{Band, Content, Ink, Intervals, Line, Map, Picture};
 
 /// Width and height of a picture on a page, as the style sheet shows it at most.
-const INLINE: (u32, u32) = (560, 280);
+const INLINE: (u32, u32) = (500, 270);
 
 /// The SVG backend places everything on whole units; a page's picture has so many of them to a point of the screen.
 const FINENESS: u32 = 3;
@@ -79,22 +79,29 @@ fn axes(area: &Area<'_>, picture: &Picture, scale: u32, stand_alone: bool) -> Dr
         y = [-largest, largest];
     }
     let mut builder = ChartBuilder::on(area);
-    builder.margin(8 * scale).x_label_area_size(40 * scale).y_label_area_size(62 * scale);
+    let x_area = if picture.axes[0].is_empty() { 24 } else { 44 };
+    builder.margin(8 * scale).x_label_area_size(x_area * scale).y_label_area_size(68 * scale);
     if stand_alone {
         builder.caption(&picture.title, ("sans-serif", 16 * scale));
     }
     let mut chart = builder.build_cartesian_2d(x[0]..x[1], y[0]..y[1])?;
     let text = |points: u32| ("sans-serif", points * scale).into_font().color(&TEXT);
     let power = |value: &f64| power_of_ten(*value);
+    let [x_tick, y_tick] = [x, y].map(|[low, high]| {
+        let digits = tick_digits(high - low);
+        move |value: &f64| tick(*value, digits)
+    });
     let mut mesh = chart.configure_mesh();
     mesh.light_line_style(TRANSPARENT)
         .bold_line_style(GRID.stroke_width(scale))
         .axis_style(TEXT.stroke_width(scale))
         .set_all_tick_mark_size(4 * scale)
-        .label_style(text(13))
-        .axis_desc_style(text(14))
-        .x_labels(8)
+        .label_style(text(if stand_alone { 13 } else { 16 }))
+        .axis_desc_style(text(if stand_alone { 14 } else { 17 }))
+        .x_labels(7)
         .y_labels(6)
+        .x_label_formatter(&x_tick)
+        .y_label_formatter(&y_tick)
         .x_desc(picture.axes[0].as_str())
         .y_desc(picture.axes[1].as_str());
     if logarithmic {
@@ -109,13 +116,16 @@ fn axes(area: &Area<'_>, picture: &Picture, scale: u32, stand_alone: bool) -> Dr
             for band in bands {
                 draw_band(&mut chart, band)?;
             }
+            // A model that repeats it well would hide what was measured: that shows on both sides of the thinner line.
+            let hidden = matches!(&lines[..], [Line { ink: Ink::Measured, .. }, .., Line { ink: Ink::Simulated, .. }]);
             for line in lines {
-                draw_line(&mut chart, line, scale, |y| Some(y))?;
+                let wide = hidden && line.ink == Ink::Measured;
+                draw_line(&mut chart, line, if wide { 3 * scale } else { (5 * scale).div_ceil(4) }, Some)?;
             }
         }
         Content::LogarithmicLines(lines) => {
             for line in lines {
-                draw_line(&mut chart, line, scale, logarithm)?;
+                draw_line(&mut chart, line, 2 * scale, logarithm)?;
             }
         }
         Content::Intervals(intervals) => draw_intervals(area, &mut chart, intervals, scale)?,
@@ -123,15 +133,21 @@ fn axes(area: &Area<'_>, picture: &Picture, scale: u32, stand_alone: bool) -> Dr
     }
     let legend = picture.legend();
     if stand_alone && legend.len() > 1 {
-        for (name, ink) in legend {
-            let style = colour(ink).stroke_width(2 * scale);
+        for key in legend {
+            let style = colour(key.ink).stroke_width(2 * scale);
             let nothing = std::iter::empty::<(f64, f64)>();
             chart
                 .draw_series(LineSeries::new(nothing, style))?
-                .label(name)
+                .label(key.name)
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 18 * scale as i32, y)], style));
         }
-        chart.configure_series_labels().background_style(WHITE).border_style(TEXT).label_font(text(12)).draw()?;
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::UpperRight)
+            .background_style(WHITE.mix(0.8))
+            .border_style(TEXT)
+            .label_font(text(12))
+            .draw()?;
     }
     Ok(())
 }
@@ -144,6 +160,19 @@ fn colour(ink: Ink) -> RGBColor {
 /// The logarithm to the base of ten of what has one.
 fn logarithm(value: f64) -> Option<f64> {
     (value > 0.0).then(|| value.log10())
+}
+
+/// Digits after the point that tell the ticks of an axis of this length apart; none where they take an exponent.
+fn tick_digits(length: f64) -> Option<usize> {
+    let digits = (-(length / 8.0).log10()).ceil();
+    (-5.0..=5.0).contains(&digits).then_some(digits.max(0.0) as usize)
+}
+
+/// A tick of a linear axis.
+fn tick(value: f64, digits: Option<usize>) -> String {
+    let text = digits.map_or_else(|| format!("{value:.1e}"), |digits| format!("{value:.digits$}"));
+    // A zero that rounding has given a sign.
+    if text.starts_with('-') && text.trim_start_matches(['-', '0', '.']).is_empty() { text[1..].into() } else { text }
 }
 
 /// A tick of a logarithmic axis.
@@ -195,11 +224,9 @@ fn ranges(picture: &Picture, logarithmic: bool) -> Option<[[f64; 2]; 2]> {
     Some([x, [y[0] - air * span, y[1] + air * span]])
 }
 
-fn draw_line(chart: &mut Chart<'_>, line: &Line, scale: u32, of: impl Fn(f64) -> Option<f64>) -> Drawn {
+fn draw_line(chart: &mut Chart<'_>, line: &Line, width: u32, of: impl Fn(f64) -> Option<f64>) -> Drawn {
     let points = line.points.iter().filter_map(|&(x, y)| Some((x, of(y)?)));
     let points: Vec<(f64, f64)> = points.filter(|point| point.0.is_finite() && point.1.is_finite()).collect();
-    // Bounds stay behind what they bound; elsewhere a line is a little stronger than a hair.
-    let width = if line.ink == Ink::Bound { scale } else { scale + scale / 2 };
     chart.draw_series(LineSeries::new(points, colour(line.ink).stroke_width(width)))?;
     Ok(())
 }
@@ -234,7 +261,7 @@ fn draw_intervals(area: &Area<'_>, chart: &mut Chart<'_>, intervals: &Intervals,
     // The axis has no ticks of its own: each name stands in the middle of its intervals.
     let lowest = chart.y_range().start;
     let centred =
-        TextStyle::from(("sans-serif", 13 * scale).into_font()).color(&TEXT).pos(Pos::new(HPos::Center, VPos::Top));
+        TextStyle::from(("sans-serif", 16 * scale).into_font()).color(&TEXT).pos(Pos::new(HPos::Center, VPos::Top));
     let (left, top) = area.get_base_pixel();
     for (index, name) in intervals.names.iter().enumerate() {
         let (x, y) = chart.backend_coord(&(index as f64 + 0.5, lowest));

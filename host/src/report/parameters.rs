@@ -114,7 +114,7 @@ pub fn parameters(robot: &Robot, source: &str, rows: &[Row]) -> Section {
     for row in rows {
         let mut cells = vec![
             Cell::from(row.name.as_str()),
-            Cell::fixed(row.value, 6),
+            Cell::significant(row.value),
             Cell::optional(row.standard_error, Cell::scientific),
             Cell::optional(row.standard_error.map(|error| 100.0 * (error / row.value).abs()), |percent| {
                 Cell::fixed(percent, 3)

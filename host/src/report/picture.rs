@@ -131,6 +131,21 @@ pub enum Content {
     Map(Map),
 }
 
+/// A line of a legend.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Key {
+    pub(super) name: String,
+    pub(super) ink: Ink,
+    pub(super) is_band: bool,
+}
+
+impl Key {
+    /// Its classes in the style sheet.
+    pub(super) fn class(&self) -> String {
+        format!("key {}{}", self.ink.class(), if self.is_band { " band" } else { "" })
+    }
+}
+
 /// One pair of axes and what is between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
@@ -184,21 +199,22 @@ impl Picture {
     }
 
     /// What is drawn in which ink, every name once.
-    pub(super) fn legend(&self) -> Vec<(String, Ink)> {
-        let mut legend: Vec<(String, Ink)> = Vec::new();
-        let all: Vec<(&String, Ink)> = match &self.content {
-            Content::Lines(bands, lines) => bands
+    pub(super) fn legend(&self) -> Vec<Key> {
+        let mut legend: Vec<Key> = Vec::new();
+        let key = |name: &String, ink: Ink| Key { name: name.clone(), ink, is_band: false };
+        let all: Vec<Key> = match &self.content {
+            Content::Lines(bands, lines) => lines
                 .iter()
-                .map(|band| (&band.name, band.ink))
-                .chain(lines.iter().map(|line| (&line.name, line.ink)))
+                .map(|line| key(&line.name, line.ink))
+                .chain(bands.iter().map(|band| Key { is_band: true, ..key(&band.name, band.ink) }))
                 .collect(),
-            Content::LogarithmicLines(lines) => lines.iter().map(|line| (&line.name, line.ink)).collect(),
-            Content::Intervals(intervals) => intervals.sources.iter().map(|(name, ink, _)| (name, *ink)).collect(),
+            Content::LogarithmicLines(lines) => lines.iter().map(|line| key(&line.name, line.ink)).collect(),
+            Content::Intervals(intervals) => intervals.sources.iter().map(|(name, ink, _)| key(name, *ink)).collect(),
             Content::Map(_) => Vec::new(),
         };
-        for (name, ink) in all {
-            if !name.is_empty() && legend.iter().all(|(known, _)| known != name) {
-                legend.push((name.clone(), ink));
+        for key in all {
+            if !key.name.is_empty() && legend.iter().all(|known| known.name != key.name) {
+                legend.push(key);
             }
         }
         legend

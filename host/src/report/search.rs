@@ -32,12 +32,15 @@ pub fn convergence(found: &Identification) -> Option<Section> {
             Cell::fixed(generation.best_counts2, 1),
         ]);
     }
+    let around = "The search began around the fitted result. What it came upon shows by how much luck with the ringing of the \
+                  loop can lower Y; it is not taken.";
     Some(
         Section::new("Search")
             .text(
                 "Y is the paper's objective: the sum of squared differences between the recorded and the simulated tracking \
                  errors, both joints.",
             )
+            .list((subpopulations == 0).then(|| around.to_string()))
             .table(table)
             .pictures(vec![picture]),
     )

@@ -14,6 +14,8 @@ pub enum Cell {
         /// As it is shown.
         text: String,
     },
+    /// A number that there is not.
+    Missing,
     /// A number from −1 to 1 on a ground whose colour says how large it is.
     Share(f64),
     /// A hexadecimal digest or another long word that may be broken anywhere.
@@ -31,6 +33,13 @@ impl Cell {
         Self::Number { value, text: format!("{value:.2e}") }
     }
 
+    /// A number with six significant digits, as a model's parameters are shown.
+    pub fn significant(value: f64) -> Self {
+        let magnitude = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
+        let digits = (5.0 - magnitude).clamp(0.0, 12.0) as usize;
+        Self::fixed(value, digits)
+    }
+
     /// A whole number.
     pub fn count(value: usize) -> Self {
         Self::Number { value: value as f64, text: value.to_string() }
@@ -38,7 +47,7 @@ impl Cell {
 
     /// The number that there may be; a dash where there is none.
     pub fn optional(value: Option<f64>, shown: impl Fn(f64) -> Self) -> Self {
-        value.map_or_else(|| Self::Text("–".into()), shown)
+        value.map_or(Self::Missing, shown)
     }
 
     fn markup(&self, heading: bool) -> Markup {
@@ -46,12 +55,15 @@ impl Cell {
             Self::Text(text) if heading => html! { th scope="row" { (text) } },
             Self::Text(text) => html! { td { (text) } },
             Self::Number { value, text } => html! { td.number { data value=(value) { (text) } } },
+            Self::Missing => html! { td.number { "–" } },
             Self::Share(value) => {
                 // Tenths: style sheets know no arithmetic on the text of an element.
                 let tenths = (10.0 * value.abs()).round().clamp(0.0, 10.0);
                 let class =
                     format!("number share {} tenths{tenths}", if *value < 0.0 { "negative" } else { "positive" });
-                html! { td class=(class) { data value=(value) { (format!("{value:.2}")) } } }
+                // Adding zero takes the sign from what rounds to it.
+                let text = format!("{:.2}", (100.0 * value).round() / 100.0 + 0.0);
+                html! { td class=(class) { data value=(value) { (text) } } }
             }
             Self::Digest(text) => html! { td.digest { (text) } },
         }

@@ -64,7 +64,7 @@ fn values(compared: &[Compared], names: &[String]) -> Section {
         let mut cells = vec![Cell::from(first.name.as_str())];
         for (index, one) in compared.iter().enumerate() {
             let entry = &one.entries[place];
-            cells.extend([Cell::fixed(entry.value, 6), Cell::optional(entry.standard_error, Cell::scientific)]);
+            cells.extend([Cell::significant(entry.value), Cell::optional(entry.standard_error, Cell::scientific)]);
             if index > 0 {
                 cells.push(Cell::optional(in_standard_errors(first, entry), |apart| Cell::fixed(apart, 1)));
             }

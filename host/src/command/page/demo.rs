@@ -42,7 +42,7 @@ pub fn chain(
 fn truth_and_model(robot: &Robot, truth: &HiddenRobot, model: &Model) -> Section {
     let mut table = Table::new(["parameter", "true", "found", "error", "± standard error"]);
     let mut row = |name: String, truth: f64, found: f64, standard_error: Option<f64>| {
-        let numbers = [truth, found, found - truth].map(|value| Cell::fixed(value, 6));
+        let numbers = [truth, found, found - truth].map(Cell::significant);
         let error = Cell::optional(standard_error, Cell::scientific);
         table.rows.push([Cell::from(name)].into_iter().chain(numbers).chain([error]).collect());
     };
