@@ -74,8 +74,8 @@ fn axes(area: &Area<'_>, picture: &Picture, scale: u32, stand_alone: bool) -> Dr
         Content::Lines(..) | Content::Map(_) => false,
     };
     let Some([x, mut y]) = ranges(picture, logarithmic) else { return Ok(()) };
-    if picture.symmetric {
-        let largest = y[0].abs().max(y[1].abs());
+    if let Some(least) = picture.symmetric {
+        let largest = y[0].abs().max(y[1].abs()).max(least);
         y = [-largest, largest];
     }
     let mut builder = ChartBuilder::on(area);

@@ -155,8 +155,8 @@ pub struct Picture {
     pub axes: [String; 2],
     /// What it shows.
     pub content: Content,
-    /// Whether the ordinate is as long below zero as above.
-    pub symmetric: bool,
+    /// Where the ordinate is as long below zero as above: how long at least.
+    pub symmetric: Option<f64>,
     /// What else to say below it.
     pub note: Option<String>,
 }
@@ -169,12 +169,12 @@ impl Picture {
 
     /// Any content.
     pub fn of(title: impl Into<String>, axes: [&str; 2], content: Content) -> Self {
-        Self { title: title.into(), axes: axes.map(str::to_string), content, symmetric: false, note: None }
+        Self { title: title.into(), axes: axes.map(str::to_string), content, symmetric: None, note: None }
     }
 
-    /// This with zero in the middle.
-    pub fn symmetric(mut self) -> Self {
-        self.symmetric = true;
+    /// This with zero in the middle, and `least` above and below it at least.
+    pub fn symmetric(mut self, least: f64) -> Self {
+        self.symmetric = Some(least);
         self
     }
 

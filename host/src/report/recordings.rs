@@ -8,6 +8,9 @@ use crate::identify::{Experiment, Fineness, Values};
 use crate::recording::Recording;
 use crate::robot::Robot;
 
+/// How far a picture of tracking errors shows at least, counts: twice the goal.
+const LEAST_EXTENT_COUNTS: f64 = 2.0;
+
 /// Seconds from the start of the recording to each of its stretches without a gap, with the samples of each.
 fn stretches(recording: &Recording, robot: &Robot) -> Vec<(f64, std::ops::Range<usize>)> {
     let mut stretches = Vec::new();
@@ -48,7 +51,7 @@ pub fn tracking_pictures(robot: &Robot, runs: &[(&Recording, &str)]) -> Vec<Pict
             let mut lines = one_count(duration_s(recording, robot)).to_vec();
             lines.extend(over_time(recording, robot, &recording.error_counts[index], "tracking error", Ink::Measured));
             let title = format!("joint {}, {controller}", joint.name);
-            pictures.push(Picture::lines(title, ["time, s", "error, counts"], lines).symmetric());
+            pictures.push(Picture::lines(title, ["time, s", "error, counts"], lines).symmetric(LEAST_EXTENT_COUNTS));
         }
     }
     pictures
@@ -147,10 +150,12 @@ pub fn repeated(experiment: &Experiment, values: &Values, recordings: &[Recordin
                 over_time("simulated", Ink::Simulated, &simulated),
             ];
             let axes = ["time, s", "error, counts"];
-            errors.push(Picture::lines(format!("joint {}, {name}", joint.name), axes, both).symmetric());
+            errors.push(
+                Picture::lines(format!("joint {}, {name}", joint.name), axes, both).symmetric(LEAST_EXTENT_COUNTS),
+            );
             let left = vec![over_time("measured less simulated", Ink::Left, &difference)];
             let axes = ["time, s", "difference, counts"];
-            errors.push(Picture::lines(format!("joint {}, {name}: difference", joint.name), axes, left).symmetric());
+            errors.push(Picture::lines(format!("joint {}, {name}: difference", joint.name), axes, left).symmetric(1.0));
             let measured_a: Vec<f64> = segment.current_a.iter().map(|pair| pair[index]).collect();
             let simulated_a: Vec<f64> = ticks.iter().map(|tick| tick.command_a[index]).collect();
             let both = vec![

@@ -134,7 +134,7 @@ pub fn pictures(robot: &Robot, recordings: &[Recording]) -> Vec<Picture> {
         };
         let lines = recordings.iter().enumerate().map(line).collect();
         let title = format!("joint {}", robot.joints[index].name);
-        Picture::lines(title, ["time, s", "error, counts"], lines).symmetric()
+        Picture::lines(title, ["time, s", "error, counts"], lines).symmetric(2.0)
     };
     (0..robot.joints.len()).map(of_joint).collect()
 }

@@ -251,7 +251,7 @@ fn errors(robot: &Robot, unaware: &Recording, aware: &Recording) -> Vec<Picture>
             Line::new(name, ink, thinned(staircase(&recording.error_counts[index], robot.record_period_s)))
         });
         let title = format!("tracking error of joint {}: knows of no load (orange), identifies it (blue)", joint.name);
-        Picture::lines(title, ["time, s", "counts"], lines.to_vec()).symmetric()
+        Picture::lines(title, ["time, s", "counts"], lines.to_vec()).symmetric(2.0)
     };
     robot.joints.iter().enumerate().map(of_joint).collect()
 }

@@ -57,14 +57,14 @@ pub fn verdict(compared: &[Compared]) -> String {
         let largest: Vec<f64> = quality.iter().map(|joint| joint.max_abs_error_counts).collect();
         let within: Vec<f64> = quality.iter().map(|joint| joint.within_one_count_percent).collect();
         format!(
-            "{}: at most {} counts, {} % of samples within ±1 count.",
+            "{}: at most {} counts, {} % of samples within ±1 count",
             one.label,
             per_joint(&largest, 0),
             per_joint(&within, 2)
         )
     };
-    let text = compared.iter().map(of).collect::<Vec<_>>().join(" ");
-    // The labels are words within a line elsewhere.
+    let text = compared.iter().map(of).collect::<Vec<_>>().join("; ") + ".";
+    // Labels begin small: elsewhere they stand within a line.
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
