@@ -128,7 +128,7 @@ fn left_out(model: &armid::model::Model) -> Option<String> {
         .effects
         .iter()
         .filter(|effect| !identified_model::is_simulated(effect))
-        .map(|effect| format!("{} (joint {})", effect.name, effect.joint))
+        .map(|effect| format!("{} ({})", effect.name, page::explain::place(&effect.joint)))
         .collect();
     let sentence = format!(
         "The simulations of this page have f, friction and torque offsets of the model, not its {}; explain judges those.",

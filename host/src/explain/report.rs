@@ -139,7 +139,7 @@ impl Explanation {
                     Cell::from(finding.joint.as_str()),
                     Cell::from(if others.is_empty() { "–".into() } else { others.join(", ") }),
                     Cell::from(name.as_str()),
-                    Cell::scientific(parameter.value),
+                    Cell::significant(parameter.value),
                     Cell::optional(parameter.standard_error, Cell::scientific),
                     Cell::from(parameter.unit),
                 ]);

@@ -157,7 +157,9 @@ fn pictures(robot: &Robot, source: &str, rows: &[Row], paper: bool) -> Vec<Pictu
     };
     let half = |row: &Row| row.standard_error.filter(|error| error.is_finite()).map(|error| HALF_INTERVAL * error);
     let own = of_f.iter().map(|&(index, row)| Some(around(index, row.value, half(row).unwrap_or(0.0)))).collect();
-    let mut values = vec![(format!("{source}, 95 % interval"), Ink::Measured, own)];
+    let bounded = of_f.iter().any(|(_, row)| half(row).is_some());
+    let name = if bounded { format!("{source}, 95 % interval") } else { source.to_string() };
+    let mut values = vec![(name, Ink::Measured, own)];
     let relative =
         of_f.iter().map(|&(_, row)| half(row).map(|half| single(100.0 * (half / row.value).abs()))).collect();
     let mut certainty = vec![(format!("{source}, 1.96 standard errors"), Ink::Measured, relative)];
@@ -179,7 +181,7 @@ fn pictures(robot: &Robot, source: &str, rows: &[Row], paper: bool) -> Vec<Pictu
         Picture::of(title, ["", axis], Content::Intervals(Intervals { names: names.clone(), sources, logarithmic }))
     };
     let mut pictures = vec![picture("f1..f9 within their search ranges", "0 = lowest, 1 = highest", values, false)];
-    if of_f.iter().any(|(_, row)| half(row).is_some()) {
+    if bounded {
         pictures.push(picture("How well each is known", "± % of the value", certainty, true));
     }
     pictures

@@ -110,16 +110,16 @@ fn table(robot: &Robot, compared: &[Compared]) -> String {
     let first = &compared[0].entries;
     let mut lines = vec![row("model", compared.iter().map(|one| one.path.display().to_string()).collect())];
     lines.push(row("method", compared.iter().map(|one| method(&one.model).to_string()).collect()));
-    for index in 0..first.len() {
+    for (index, named) in first.iter().enumerate() {
         let cell = |of_model: &Compared| {
             let entry = &of_model.entries[index];
             let error = entry.standard_error.map_or_else(String::new, |error| format!(" ± {error:.1e}"));
-            let apart = in_standard_errors(&first[index], entry);
+            let apart = in_standard_errors(named, entry);
             let apart = apart.filter(|_| !std::ptr::eq(of_model, &compared[0]));
             let apart = apart.map_or_else(String::new, |apart| format!(" ({apart:+.1})"));
             format!("{:.6}{error}{apart}", entry.value)
         };
-        lines.push(row(&first[index].name, compared.iter().map(cell).collect()));
+        lines.push(row(&named.name, compared.iter().map(cell).collect()));
     }
     let gaps: Vec<&Gap> = compared.iter().filter_map(|one| one.gap.as_ref()).collect();
     if !gaps.is_empty() {

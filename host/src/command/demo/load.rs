@@ -147,6 +147,7 @@ impl LoadDemo {
         );
         let mut page = carried.page(verdict, Section::new("Found and true").table(table), rest);
         page.command = "demo load".into();
+        page.title = "A load picked up and dropped mid-motion".into();
         page
     }
 

@@ -74,9 +74,9 @@ pub fn explained(
     let mut sections = track::sections(robot, compared);
     let mut table = Table::new(["parameter", "true"]);
     for (name, &value) in &truth.parameters {
-        table = table.row([Cell::from(name.as_str()), Cell::scientific(value)]);
+        table = table.row([Cell::from(name.as_str()), Cell::significant(value)]);
     }
-    let sentence = format!("Hidden was {} of joint {}: {recognised}.", truth.name, truth.joint);
+    let sentence = format!("Hidden was {} ({}): {recognised}.", truth.name, super::explain::place(&truth.joint));
     sections.push(Section::new("The truth").text(sentence).table(table));
     let of_explanation = super::explain::page(robot, explanation, &Provenance::default());
     // Its own provenance is this page's.

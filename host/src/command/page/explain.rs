@@ -1,5 +1,6 @@
 //! The page of `explain`.
 
+use armid::effects::BOTH_JOINTS;
 use armid::explain::{Explanation, Verdict};
 use armid::report::{self, Page, Provenance};
 use armid::robot::Robot;
@@ -17,10 +18,15 @@ pub fn page(robot: &Robot, explanation: &Explanation, provenance: &Provenance) -
     }
 }
 
+/// The joint of an effect in words.
+pub fn place(joint: &str) -> String {
+    if joint == BOTH_JOINTS { "both joints".into() } else { format!("joint {joint}") }
+}
+
 /// The verdict in a sentence.
 fn in_words(explanation: &Explanation) -> String {
     let named: Vec<String> =
-        explanation.effects.iter().map(|effect| format!("{} (joint {})", effect.name, effect.joint)).collect();
+        explanation.effects.iter().map(|effect| format!("{} ({})", effect.name, place(&effect.joint))).collect();
     match explanation.verdict {
         Verdict::Named => format!("The model lacks {}.", named.join(", ")),
         Verdict::None => "The model lacks nothing that these recordings show.".into(),
