@@ -5,7 +5,6 @@ mod calibrate;
 mod common;
 mod compare;
 mod demo;
-mod drawing;
 mod error;
 mod excite;
 mod explain;
@@ -17,9 +16,11 @@ mod interrupt;
 mod load;
 mod monitor;
 mod own_model;
+mod page;
 mod progress;
 mod ranges;
 mod record;
+mod report;
 mod run;
 mod simulate;
 mod track;
@@ -81,6 +82,8 @@ enum Command {
     Load(load::LoadCommand),
     /// Measure the figures that the documentation quotes.
     Bench(bench::Bench),
+    /// Make one page of recordings and a model: measured against simulated, parameters, residual maps, provenance.
+    Report(report::Report),
     /// Make recordings of a given or drawn robot with the simulated board.
     Simulate(simulate::Simulate),
 }
@@ -104,6 +107,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Load(command) => command.run(),
+        Command::Report(command) => command.run(),
         Command::Simulate(command) => command.run(),
     }
 }

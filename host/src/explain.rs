@@ -38,7 +38,7 @@ mod shortlist;
 mod simulate;
 mod strangers;
 mod threshold;
-mod trace;
+pub(crate) mod trace;
 mod verdict;
 
 #[cfg(test)]
@@ -48,7 +48,6 @@ pub use audit::AuditError;
 pub use curves::Curve;
 pub use findings::{BeforeAfter, Candidate, Explanation, Finding, FoundParameter, Gap};
 pub use next::NextTrajectory;
-pub use report::{Line, Picture};
 pub use verdict::Verdict;
 
 use std::path::PathBuf;

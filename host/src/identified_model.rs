@@ -67,6 +67,11 @@ pub fn values(robot: &Robot, model: &Model) -> Values {
     values
 }
 
+/// Whether [`values()`] takes this effect of a model into a simulation.
+pub fn is_simulated(effect: &Effect) -> bool {
+    effect.name == TORQUE_OFFSET
+}
+
 /// Where a model comes from.
 pub fn provenance(robot: &Robot, recordings: &[Recording], method: &str, seed: u64) -> toml::Table {
     let text = |text: &str| toml::Value::String(text.into());

@@ -12,6 +12,7 @@
 //! searchers                                  ways to search a box, beside the genetic algorithm
 //! tracking                                   computed torque around a simulated arm, seen exactly
 //! excite                                     the movement that determines the parameters best
+//! report                                     pages of what was measured, found and done, with their pictures
 //! explain_benchmark                          verdicts on recordings with hidden effects against the truth
 //! ```
 #![forbid(unsafe_code)]
@@ -45,6 +46,7 @@ pub mod model;
 pub mod prior;
 pub mod random;
 pub mod recording;
+pub mod report;
 pub mod robot;
 pub mod searchers;
 mod toml_text;

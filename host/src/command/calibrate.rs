@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use armid::calibrate::{JointCalibration, Source, calibrate};
+use armid::report::FileRole;
 use armid::robot::{Law, Robot};
 use clap::Args;
 use serde_json::json;
@@ -10,6 +11,7 @@ use shared::control::PositionLoop;
 
 use super::CommandError;
 use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::page::{self, ReportArguments};
 
 /// Arguments of `calibrate`.
 #[derive(Debug, Args)]
@@ -25,6 +27,8 @@ pub struct Calibrate {
     /// Write a robot file with the gains found
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -41,6 +45,8 @@ impl Calibrate {
             // The robot file itself may be corrected in place; a recording must not be lost.
             check_outputs([out.as_path()], with_sidecars(&self.recordings).iter().map(PathBuf::as_path))?;
         }
+        let inputs = with_sidecars(&self.recordings);
+        self.report.check(self.out.as_deref(), inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
         let found = calibrate(&robot, &recordings)?;
         for joint in found.iter().filter(|joint| !joint.agrees) {
             advise(disagreement(joint));
@@ -48,7 +54,14 @@ impl Calibrate {
         if let Some(path) = &self.out {
             calibrated(&robot, &found).write(path)?;
         }
-        if self.json { print_json(&json!({"joints": found})) } else { print(table(&found)) }
+        if self.json { print_json(&json!({"joints": found})) } else { print(table(&found)) }?;
+        self.report.write(|| {
+            let provenance = page::provenance()
+                .robot(&robot)
+                .files(FileRole::Read, self.robot.robot.as_deref())
+                .files(FileRole::Written, self.out.as_deref());
+            Ok(page::calibrate::page(&robot, &recordings, &found, provenance))
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! `armid compare`.
 
-mod models;
-mod recordings;
+pub mod models;
+pub mod recordings;
 
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,7 @@ use clap::Args;
 
 use super::CommandError;
 use super::common::{RobotArguments, read_recordings};
+use super::page::{self, ReportArguments};
 
 const WHAT_IS_COMPARED: &str = "Files ending in .toml are models, all others recordings. Models are compared with the first, difference by \
     difference, and, where recordings are given too, by how well each repeats them. Recordings alone are compared with \
@@ -29,6 +30,8 @@ pub struct Compare {
     /// Picture of the recordings' tracking errors, one over the other, to write as SVG
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -45,10 +48,13 @@ impl Compare {
                 "give two models, two recordings, or models with recordings to judge them by".into(),
             ));
         }
+        let inputs = page::compare::inputs(&models, &recordings);
+        let inputs = inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path);
+        self.report.check(self.plot.as_deref(), inputs)?;
         if models.is_empty() {
             let robot = self.robot.read()?;
             let read = read_recordings(&recordings, &robot, self.allow_gaps)?;
-            return recordings::compare(&robot, &read, self.plot.as_deref(), self.json);
+            return recordings::compare(&robot, &read, self.plot.as_deref(), self.json, &self.report);
         }
         if self.plot.is_some() {
             return Err(CommandError::Usage("--plot draws recordings; give no models with it".into()));
@@ -58,6 +64,6 @@ impl Compare {
         for recording in &read {
             recording.check_conditions(&robot)?;
         }
-        models::compare(&robot, &models, &read, self.json)
+        models::compare(&robot, &models, &read, self.json, &self.report)
     }
 }

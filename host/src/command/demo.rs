@@ -5,7 +5,7 @@ mod load;
 
 use std::path::{Path, PathBuf};
 
-use armid::calibrate::calibrate;
+use armid::calibrate::{JointCalibration, calibrate};
 use armid::capture::tracking_quality;
 use armid::client::{Client, Pose};
 use armid::file_error::FileError;
@@ -14,6 +14,7 @@ use armid::identify::Options;
 use armid::link::SimulatedBoard;
 use armid::model::Model;
 use armid::recording::{Mode, Recording};
+use armid::report::{self, Picture};
 use armid::robot::Robot;
 use clap::{Args, Subcommand};
 use serde_json::json;
@@ -21,8 +22,16 @@ use serde_json::json;
 use super::calibrate::{calibrated, table as calibration_table};
 use super::common::{TrajectoryArguments, advise, print, print_json};
 use super::own_model::TRAINING_PERIODS_S;
+use super::page::{self, ReportArguments};
 use super::run::Run;
-use super::{CommandError, drawing, identify, track};
+use super::{CommandError, identify, track};
+
+/// The picture among [`FILES`].
+const PICTURE: &str = "demo.svg";
+
+/// What the whole chain writes into the output folder.
+const FILES: [&str; 8] =
+    ["robot.toml", "train1.csv", "train2.csv", "model.toml", "truth.toml", "track-p.csv", "track-ctc.csv", PICTURE];
 
 /// Period of the movement to track, in s: the paper's.
 const TRACKING_PERIOD_S: f64 = 3.65;
@@ -51,12 +60,20 @@ struct Common {
     /// Folder for robot file, recordings, models, truth and pictures
     #[arg(long, value_name = "FOLDER", default_value = "armid-out")]
     out: PathBuf,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
 }
 
 impl Common {
+    /// Makes sure that the report page takes the place of none of `files` in the output folder.
+    fn check_report(&self, files: &[&str]) -> Result<(), CommandError> {
+        let paths: Vec<PathBuf> = files.iter().map(|name| self.out.join(name)).collect();
+        self.report.check(paths.iter().map(PathBuf::as_path), [])
+    }
+
     /// Runs one of the paper's movements and keeps the recording in the output folder.
     fn movement(
         &self,
@@ -90,6 +107,7 @@ impl Demo {
             Some(Story::Load(story)) => return story.run(),
             None => {}
         }
+        self.common.check_report(&FILES)?;
         let robot = Robot::paper();
         let truth = HiddenRobot::draw(&robot, self.common.seed);
         let configuration = armid::board_setup::configuration(&robot)?;
@@ -122,13 +140,39 @@ impl Demo {
         advise("5/5 tracking the paper's movement under the position loop and under computed torque");
         let p = self.common.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::P, "track-p.csv")?;
         let ctc = self.common.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "track-ctc.csv")?;
-        let picture = self.common.out.join("demo.svg");
+        let picture = self.common.out.join(PICTURE);
         self.draw(&picture, &robot, &p, &ctc)?;
 
         let summary = summary(&p, &ctc);
         let compared = track::pair(p, ctc);
+        self.tell(&robot, &truth, &model, &calibration, &compared, &summary)?;
+        self.common.report.write(|| {
+            let identified = page::identify::Identified {
+                robot: &robot_as_calibrated,
+                recordings: &training,
+                held_out: &[],
+                as_recorded: false,
+                found: &found,
+                remarks: Vec::new(),
+            };
+            let provenance = page::provenance().seed(self.common.seed).robot(&robot);
+            let provenance = page::demo::written(provenance, &self.common.out, &FILES);
+            page::demo::chain(&identified, &truth, &model, &compared, provenance)
+        })
+    }
+
+    fn tell(
+        &self,
+        robot: &Robot,
+        truth: &HiddenRobot,
+        model: &Model,
+        calibration: &[JointCalibration],
+        compared: &[track::Compared],
+        summary: &str,
+    ) -> Result<(), CommandError> {
+        let picture = self.common.out.join(PICTURE);
         if self.common.json {
-            let mut object = track::to_json(&robot, &compared);
+            let mut object = track::to_json(robot, compared);
             object["seed"] = json!(self.common.seed);
             object["true_f"] = json!(truth.f);
             object["f"] = json!(model.f);
@@ -143,24 +187,35 @@ impl Demo {
         }
         print(format!(
             "\nCalibration\n{}\n\nIdentification of a hidden robot (seed {})\n{}\n\nTracking the paper's movement, T = {} \
-             s\n{}\n\n{}\n\nFiles in {}: robot.toml, train1.csv, train2.csv, model.toml, truth.toml, track-p.csv, \
-             track-ctc.csv, demo.svg",
-            calibration_table(&calibration),
+             s\n{}\n\n{}\n\nFiles in {}: {}",
+            calibration_table(calibration),
             self.common.seed,
-            comparison(&truth, &model),
+            comparison(truth, model),
             TRACKING_PERIOD_S,
-            track::table(&robot, &compared),
+            track::table(robot, compared),
             summary,
-            self.common.out.display()
+            self.common.out.display(),
+            FILES.join(", ")
         ))
     }
 
     fn draw(&self, path: &Path, robot: &Robot, p: &Recording, ctc: &Recording) -> Result<(), CommandError> {
         let runs = [(p, track::POSITION_LOOP), (ctc, "computed torque with the identified model")];
-        let picture = drawing::tracking(robot, runs)
-            .map_err(|reason| CommandError::Failed(format!("the picture could not be drawn: {reason}")))?;
-        armid::write_file(path, picture.as_bytes()).map_err(FileError::into)
+        draw_tracking(path, robot, &runs)
     }
+}
+
+/// Draws the tracking errors of one movement run twice, one panel a joint and controller, to `path`.
+fn draw_tracking(path: &Path, robot: &Robot, runs: &[(&Recording, &str); 2]) -> Result<(), CommandError> {
+    let pictures: Vec<Picture> = report::tracking_pictures(robot, runs).into_iter().map(Picture::unnamed).collect();
+    draw(path, "Tracking error on the paper's movement (green: ±1 encoder count)", &pictures, 2, (500, 300))
+}
+
+/// Draws `pictures`, so many beside each other, each of `size` points, to `path`.
+fn draw(path: &Path, title: &str, pictures: &[Picture], columns: usize, size: (u32, u32)) -> Result<(), CommandError> {
+    let picture =
+        report::sheet(title, pictures, columns, size).map_err(|error| CommandError::Failed(error.to_string()))?;
+    armid::write_file(path, picture.as_bytes()).map_err(FileError::into)
 }
 
 /// True and found parameters side by side.

@@ -4,12 +4,14 @@ use std::path::PathBuf;
 
 use armid::excite::{Criterion, Design, Settings, USED_SHARE, default_repeats, design};
 use armid::identify::Parameter;
+use armid::report::FileRole;
 use armid::robot::Robot;
 use armid::trajectory_file;
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_model};
+use super::page::{self, ReportArguments};
 use super::{CommandError, progress};
 
 /// Arguments of `excite`.
@@ -41,6 +43,8 @@ pub struct Excite {
     /// Trajectory file to write, for record --trajectory
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -50,9 +54,9 @@ impl Excite {
     pub fn run(&self) -> Result<(), CommandError> {
         let robot = self.robot.read_for_motion()?;
         let model = self.model.as_deref().map(|path| read_model(path, &robot)).transpose()?;
-        if let Some(out) = &self.out {
-            check_outputs([out.as_path()], [&self.robot.robot, &self.model].into_iter().filter_map(Option::as_deref))?;
-        }
+        let inputs = || [&self.robot.robot, &self.model].into_iter().filter_map(Option::as_deref);
+        check_outputs(self.out.as_deref(), inputs())?;
+        self.report.check(self.out.as_deref(), inputs())?;
         if model.is_none() {
             advise(
                 "designed for the reference robot; once a model is identified, design again with --model for movements made \
@@ -77,7 +81,15 @@ impl Excite {
             Some(path) => trajectory_file::write(path, &design.trajectory, &heading(&robot, &settings))?,
             None => advise("the movement was not kept; pass --out movement.toml to write it"),
         }
-        if self.json { print_json(&to_json(&robot, &design, &settings)) } else { print(report(&robot, &design)) }
+        if self.json { print_json(&to_json(&robot, &design, &settings)) } else { print(report(&robot, &design)) }?;
+        self.report.write(|| {
+            let provenance = page::provenance()
+                .seed(self.seed)
+                .robot(&robot)
+                .files(FileRole::Read, inputs())
+                .files(FileRole::Written, self.out.as_deref());
+            Ok(page::excite::page(&robot, &design, &paper_name(&design), &provenance))
+        })
     }
 }
 

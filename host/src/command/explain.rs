@@ -5,9 +5,11 @@ use std::path::PathBuf;
 
 use armid::explain::{Explanation, Options, explain};
 use armid::model::Model;
+use armid::report::FileRole;
 use clap::Args;
 
 use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::page::{self, ReportArguments};
 use super::{CommandError, progress};
 
 /// Arguments of `explain`.
@@ -36,9 +38,8 @@ pub struct Explain {
     /// Movement file to write: the movement that best tells apart what these recordings cannot
     #[arg(long, value_name = "FILE")]
     next: Option<PathBuf>,
-    /// Report page to write: one HTML file with its pictures inside
-    #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Folder to keep the scores of null simulations in, so that the same recordings under the same model are explained
     /// faster the next time; by default armid's own among the user's caches, and none if this is empty
     #[arg(long, value_name = "FOLDER", env = "ARMID_CACHE")]
@@ -62,10 +63,13 @@ impl Explain {
             recording.check_conditions(&robot)?;
         }
         let model = self.model.as_ref().map(|path| Model::read(path, &robot)).transpose()?;
-        for out in self.out.iter().chain(&self.report).chain(&self.next) {
-            let inputs = [with_sidecars(&fitted), with_sidecars(&kept_back)].concat();
-            check_outputs([out.as_path()], inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
-        }
+        let inputs = [with_sidecars(&fitted), with_sidecars(&kept_back)].concat();
+        let inputs = || inputs.iter().chain(&self.robot.robot).chain(&self.model).map(PathBuf::as_path);
+        let outputs = || self.out.iter().chain(&self.next).map(PathBuf::as_path);
+        // The baseline may be replaced by the model that extends it.
+        let kept = || inputs().filter(|path| Some(*path) != self.model.as_deref());
+        check_outputs(outputs(), kept())?;
+        self.report.check(outputs(), inputs())?;
         if check.is_empty() {
             advise(
                 "no recording was kept back; give several, or --check, to judge the result on one that was not fitted",
@@ -93,11 +97,16 @@ impl Explain {
             (Some(_), None) => advise("there is no class to tell apart: no movement was written"),
             _ => {}
         }
-        if let Some(report) = &self.report {
-            let page = explanation.to_html(&robot.name).map_err(|error| CommandError::Failed(error.to_string()))?;
-            armid::write_file(report, page.as_bytes())?;
-        }
-        if self.json { print_json(&explanation.to_json()) } else { print(report(&explanation)) }
+        if self.json { print_json(&explanation.to_json()) } else { print(report(&explanation)) }?;
+        self.report.write(|| {
+            let provenance = page::provenance()
+                .seed(self.seed)
+                .robot(&robot)
+                .recordings(FileRole::Read, recordings.iter().chain(&check))
+                .files(FileRole::Read, inputs())
+                .files(FileRole::Written, outputs());
+            Ok(page::explain::page(&robot, &explanation, &provenance))
+        })
     }
 }
 

@@ -10,6 +10,7 @@ use armid::links::ArmBounds;
 use armid::model::Model;
 use armid::prior;
 use armid::recording::Recording;
+use armid::report::FileRole;
 use armid::robot::{Kind, Law, Robot};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -19,6 +20,7 @@ use shared::arm::PARAMETERS;
 use shared::genetic::Coding;
 
 use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::page::{self, ReportArguments};
 use super::ranges::Verdict;
 use super::{CommandError, progress};
 
@@ -80,6 +82,8 @@ pub struct Identify {
     /// Model file to write
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -103,12 +107,11 @@ impl Identify {
             recording.check_conditions(&robot).map_err(CommandError::Repeating)?;
             advise_other_gains(recording, &robot);
         }
-        if let Some(out) = &self.out {
-            let inputs = [with_sidecars(&self.recordings), with_sidecars(&self.check)].concat();
-            let inputs =
-                inputs.iter().chain(&self.robot.robot).chain(&self.prior).chain(&self.bounds).map(PathBuf::as_path);
-            check_outputs([out.as_path()], inputs)?;
-        }
+        let inputs = [with_sidecars(&self.recordings), with_sidecars(&self.check)].concat();
+        let inputs =
+            || inputs.iter().chain(&self.robot.robot).chain(&self.prior).chain(&self.bounds).map(PathBuf::as_path);
+        check_outputs(self.out.as_deref(), inputs())?;
+        self.report.check(self.out.as_deref(), inputs())?;
         let sought = Sought {
             friction: self.friction,
             gain: self.identify_gain,
@@ -135,11 +138,30 @@ impl Identify {
         if self.json {
             let mut object = to_json(&robot, &found, &model, self.seed);
             object["lead"] = leads_to_json(&robot, &found);
-            object["feasible"] = feasible.map_or(Value::Null, |feasible| feasible.to_json());
-            return print_json(&object);
+            object["feasible"] = feasible.as_ref().map_or(Value::Null, |feasible| feasible.to_json());
+            print_json(&object)?;
+        } else {
+            let feasible = feasible.as_ref().map(|feasible| format!("\n{}", feasible.text())).unwrap_or_default();
+            print(format!("{}{feasible}", report(&robot, &found)))?;
         }
-        let feasible = feasible.map(|feasible| format!("\n{}", feasible.text())).unwrap_or_default();
-        print(format!("{}{feasible}", report(&robot, &found)))
+        self.report.write(|| {
+            let identified = page::identify::Identified {
+                robot: &robot,
+                recordings: &recordings,
+                held_out: &held_out,
+                as_recorded: self.as_recorded,
+                found: &found,
+                remarks: feasible.iter().map(Feasible::text).collect(),
+            };
+            let provenance = page::provenance()
+                .seed(self.seed)
+                .robot(&robot)
+                .model(&robot, &model)
+                .recordings(FileRole::Read, recordings.iter().chain(&held_out))
+                .files(FileRole::Read, inputs())
+                .files(FileRole::Written, self.out.as_deref());
+            identified.page(&provenance)
+        })
     }
 }
 
@@ -339,7 +361,7 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
 }
 
 /// What was not sought itself, but follows from what was.
-fn tied(found: &Identification) -> impl Iterator<Item = Parameter> {
+pub fn tied(found: &Identification) -> impl Iterator<Item = Parameter> {
     let is_tied = found.values.upper_arm_m.is_some();
     [Parameter::F(2), Parameter::F(3)].into_iter().filter(move |_| is_tied)
 }

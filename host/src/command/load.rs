@@ -7,6 +7,7 @@ use armid::client::{Client, MovementWatcher};
 use armid::load::{self, HostIdentifier, Listener, Told};
 use armid::model::Model;
 use armid::recording::{Mode, Recording};
+use armid::report::{self, Cell, FileRole, Section, Table};
 use armid::robot::Robot;
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
@@ -14,8 +15,9 @@ use shared::load::{LONGEST_COLLECTION_ROWS, LoadEstimate, LoadNews, LoadSettings
 
 use super::common::{
     BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, for_board, print,
-    print_json, read_model,
+    print_json, read_model, with_sidecars,
 };
+use super::page::{self, ReportArguments};
 use super::run::Run;
 use super::{CommandError, own_model};
 
@@ -57,6 +59,8 @@ pub struct LoadCommand {
     /// Replace a recording that is there already
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -140,8 +144,10 @@ impl LoadCommand {
     pub fn run(&self) -> Result<(), CommandError> {
         let robot = self.robot.read_for_motion()?;
         let movement = self.trajectory.prepare(&robot)?;
+        let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
+        let outputs = with_sidecars(self.out.as_slice());
+        self.report.check(outputs.iter().map(PathBuf::as_path), inputs.into_iter().flatten())?;
         if let Some(path) = &self.out {
-            let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
             let existing = if self.force { Existing::Replace } else { Existing::Keep };
             check_recording_outputs(path, existing, inputs.into_iter().flatten())?;
         }
@@ -198,7 +204,38 @@ impl LoadCommand {
             identify_s: searched_s.unwrap_or(board_s),
             settings,
         };
-        if self.json { print_json(&result.to_json(&robot, &told, &recording)) } else { print(result.text(&recording)) }
+        if self.json {
+            print_json(&result.to_json(&robot, &told, &recording))
+        } else {
+            print(result.text(&recording))
+        }?;
+        self.report.write(|| {
+            let runs = [(&recording, "with the load")];
+            let carried = page::load::Carried {
+                robot: &robot,
+                told: &page::load::from_first_row(&told),
+                maximum_kg: self.load.maximum_kg,
+                carried: None,
+                runs: &runs,
+                errors: report::tracking_pictures(&robot, &runs),
+            };
+            let kept = if self.out.is_some() {
+                recording.clone()
+            } else {
+                Recording { path: PathBuf::new(), ..recording.clone() }
+            };
+            let provenance = page::provenance()
+                .robot(&robot)
+                .model(&robot, &model)
+                .files(FileRole::Read, inputs.into_iter().flatten())
+                .recordings(FileRole::Written, [&kept]);
+            let rest = vec![
+                report::currents(&robot, &[Recording { path: "with the load".into(), ..recording.clone() }]),
+                report::parameters(&robot, "empty arm", &report::of_model(&robot, &model)),
+                provenance.section(),
+            ];
+            Ok(carried.page(active(&result.found), result.section(), rest))
+        })
     }
 
     /// A real board's model cannot be told to be without a load, and has no standard errors; so its movements are recorded
@@ -209,16 +246,7 @@ impl LoadCommand {
             advise(
                 "no model was given: using the board's, every parameter known to 1 %; pass --model for its standard errors",
             );
-            return Ok(Model {
-                f: active.f,
-                f_standard_error: None,
-                viscous_nm_s_per_rad: active.viscous_friction_nm_s_per_rad.to_vec(),
-                viscous_standard_error: None,
-                coulomb_nm: active.coulomb_friction_nm.to_vec(),
-                coulomb_standard_error: None,
-                effects: Vec::new(),
-                provenance: toml::Table::new(),
-            });
+            return Ok(own_model::of_board(&active));
         }
         let model = own_model::identified(&mut client, robot, self.board.seed)?;
         client.upload(&for_board(robot, &model)?)?;
@@ -277,6 +305,32 @@ impl Outcome {
                 tracking_quality(recording).iter().map(|joint| joint.max_abs_error_counts).collect::<Vec<_>>(),
             "events": list,
         })
+    }
+
+    /// What was found, for the page.
+    fn section(&self) -> Section {
+        let found = &self.found;
+        let [x, y] = [0, 1].map(|axis| (found.centre_m[axis], found.centre_standard_error_m[axis]));
+        let inertia = (found.inertia_kg_m2, found.inertia_standard_error_kg_m2);
+        let mut table = Table::new(["", "value", "± standard error", "unit", "told by the rows"]);
+        let mass = (found.mass_kg, found.standard_error_kg);
+        let told = self.told().into_iter().zip([x, y, inertia]).zip(["m", "m", "kg m²"]);
+        let all = told.map(|(((name, told), estimate), unit)| (name, told, estimate, unit));
+        for (name, told, (value, error), unit) in std::iter::once(("mass", true, mass, "kg")).chain(all) {
+            table = table.row([
+                Cell::from(name),
+                Cell::fixed(f64::from(value), 4),
+                Cell::fixed(f64::from(error), 4),
+                Cell::from(unit),
+                Cell::from(if told { "yes" } else { "no: as it was given" }),
+            ]);
+        }
+        Section::new("Load").table(table).text(format!(
+            "Found on the {} from {:.2} s of rows; what the model leaves of the rows is {:.2} of the encoder's noise.",
+            self.place_name(),
+            self.collect_s,
+            found.noise_ratio
+        ))
     }
 
     fn text(&self, recording: &Recording) -> String {

@@ -14,6 +14,20 @@ use super::{CommandError, identify};
 /// Periods T of the two movements to identify from, in s: one alone leaves a combination of f7, f8 and f9 nearly free.
 pub const TRAINING_PERIODS_S: [f64; 2] = [3.65, 5.0];
 
+/// What a board says of its model: no standard errors, no effects.
+pub fn of_board(active: &shared::protocol::Model) -> Model {
+    Model {
+        f: active.f,
+        f_standard_error: None,
+        viscous_nm_s_per_rad: active.viscous_friction_nm_s_per_rad.to_vec(),
+        viscous_standard_error: None,
+        coulomb_nm: active.coulomb_friction_nm.to_vec(),
+        coulomb_standard_error: None,
+        effects: Vec::new(),
+        provenance: toml::Table::new(),
+    }
+}
+
 /// Runs the two movements under the position loop on the connected board, which must be ready to move, and identifies
 /// the arm from them; `seed` is that of the search and, where the board is simulated, the one written down with the
 /// model. Nothing is uploaded or written to files.

@@ -7,6 +7,8 @@ use armid::capture::{self, Circumstances, tracking_quality};
 use armid::client::Unwatched;
 use armid::margins::ArmLoop;
 use armid::recording::{Mode, Recording};
+use armid::report::FileRole;
+use armid::robot::Robot;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
@@ -14,6 +16,7 @@ use super::common::{
     BoardArguments, Existing, RobotArguments, TrajectoryArguments, check_recording_outputs, for_board, print,
     print_json, read_model,
 };
+use super::page::{self, ReportArguments};
 use super::run::Run;
 use super::{CommandError, progress};
 
@@ -42,6 +45,8 @@ pub struct Record {
     /// Replace a recording that is there already
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Move nothing: read the board's last recording from its memory once more
     #[arg(long, conflicts_with_all = ["trajectory", "period", "settle", "model", "mode", "pose"])]
     last: bool,
@@ -78,6 +83,7 @@ impl Record {
         let movement = self.trajectory.prepare(&robot)?;
         let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
         check_recording_outputs(&self.out, self.existing(), inputs.into_iter().flatten())?;
+        self.check_report()?;
         movement.advise_margins();
         let mut client = self.board.connect_ready(&robot)?;
         if let Some(model) = &model {
@@ -97,7 +103,7 @@ impl Record {
         };
         let mut ran = run.recorded(&mut client, &mut Unwatched)?;
         ran.write(&robot)?;
-        self.report(&ran.recording)?;
+        self.tell(&robot, &ran.recording)?;
         ran.whole().map(drop)
     }
 
@@ -109,6 +115,7 @@ impl Record {
     fn read_last(&self) -> Result<(), CommandError> {
         let robot = self.robot.read()?;
         check_recording_outputs(&self.out, self.existing(), self.robot.robot.as_deref())?;
+        self.check_report()?;
         let mut client = self.board.connect(&robot)?;
         let mut show = progress::of_movement("last movement");
         let movement = client.last_movement(&mut show)?;
@@ -134,10 +141,29 @@ impl Record {
         };
         let recording = capture::recording(&movement, &circumstances, self.out.clone());
         recording.write(&self.out, &robot)?;
-        self.report(&recording)
+        self.tell(&robot, &recording)
     }
 
-    fn report(&self, recording: &Recording) -> Result<(), CommandError> {
+    fn check_report(&self) -> Result<(), CommandError> {
+        let sidecar = Recording::manifest_path(&self.out);
+        let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
+        self.report.check([self.out.as_path(), sidecar.as_path()], inputs.into_iter().flatten())
+    }
+
+    /// Prints the result, and writes the page.
+    fn tell(&self, robot: &Robot, recording: &Recording) -> Result<(), CommandError> {
+        self.print(recording)?;
+        if recording.samples() == 0 {
+            return Ok(());
+        }
+        self.report.write(|| {
+            let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
+            let provenance = page::provenance().robot(robot).files(FileRole::Read, inputs.into_iter().flatten());
+            Ok(page::record::page("record", robot, std::slice::from_ref(recording), FileRole::Written, provenance))
+        })
+    }
+
+    fn print(&self, recording: &Recording) -> Result<(), CommandError> {
         let partial = recording.manifest.as_ref().and_then(|manifest| manifest.partial.as_deref());
         let samples = recording.samples();
         if samples == 0 {

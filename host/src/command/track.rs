@@ -8,6 +8,7 @@ use armid::compensation::without_effects;
 use armid::margins::ArmLoop;
 use armid::model::Model;
 use armid::recording::{Mode, Recording};
+use armid::report::FileRole;
 use armid::robot::Robot;
 use clap::Args;
 use serde_json::{Value, json};
@@ -15,9 +16,10 @@ use serde_json::{Value, json};
 use super::CommandError;
 use super::common::{
     BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, for_board, print,
-    print_json, read_model,
+    print_json, read_model, with_sidecars,
 };
 use super::own_model;
+use super::page::{self, ReportArguments};
 use super::run::Run;
 
 const NOTES: &str = "Without --model the board's active model is used; where it has none, two movements are recorded \
@@ -56,6 +58,8 @@ pub struct Track {
     /// Replace recordings that are there already
     #[arg(long)]
     force: bool,
+    #[command(flatten)]
+    report: ReportArguments,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -69,8 +73,11 @@ impl Track {
         let plain = model.as_ref().and_then(without_effects);
         let path = |name: &str| self.out.clone().unwrap_or_default().join(format!("{name}.csv"));
         let names = ["p", "ctc"].into_iter().chain(plain.as_ref().map(|_| "ctc-without-effects"));
+        let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
+        let recordings: Vec<PathBuf> = names.clone().map(path).collect();
+        let outputs = with_sidecars(if self.out.is_some() { &recordings } else { &[] });
+        self.report.check(outputs.iter().map(PathBuf::as_path), inputs.into_iter().flatten())?;
         if self.out.is_some() {
-            let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
             let existing = if self.force { Existing::Replace } else { Existing::Keep };
             for name in names {
                 check_recording_outputs(&path(name), existing, inputs.into_iter().flatten())?;
@@ -106,7 +113,15 @@ impl Track {
         let recording = run(&mut client, Mode::Ctc, "ctc")?;
         let label = if plain.is_some() { WITH_EFFECTS } else { COMPUTED_TORQUE };
         compared.push(Compared { label, field: "ctc", recording });
-        if self.json { print_json(&to_json(&robot, &compared)) } else { print(table(&robot, &compared)) }
+        if self.json { print_json(&to_json(&robot, &compared)) } else { print(table(&robot, &compared)) }?;
+        self.report.write(|| {
+            let model = match model {
+                Some(model) => Some(model),
+                None => client.active_model()?.as_ref().map(own_model::of_board),
+            };
+            let provenance = page::provenance().robot(&robot).files(FileRole::Read, inputs.into_iter().flatten());
+            Ok(page::track::page(&robot, &compared, model.as_ref(), self.out.is_some(), provenance))
+        })
     }
 
     /// Makes `model` the active one; without one, makes sure that the board has one.

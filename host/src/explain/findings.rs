@@ -10,11 +10,12 @@ use super::hypothesis::Hypothesis;
 use super::instance::Instance;
 use super::library::{LIBRARY, Role};
 use super::next::{NextTrajectory, next_trajectory};
-use super::report::{Picture, pictures};
+use super::report::pictures;
 use super::sentences::{place, sentences};
 use super::verdict::{Decision, Verdict};
 use crate::identify::Parameter;
 use crate::model::{Effect, Model};
+use crate::report::Picture;
 use crate::robot::{Kind, Robot};
 
 /// A parameter of a named effect.

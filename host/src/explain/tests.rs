@@ -64,7 +64,9 @@ fn a_hidden_effect_is_named_and_closes_the_gap() {
     assert!(held_out.before > 3.0 * explanation.gap.floor && held_out.after < 1.05 * explanation.gap.floor);
     let json = explanation.to_json();
     assert_eq!(json["effects"][0]["class"][0], "asymmetric-viscous-friction");
-    assert!(explanation.to_html("a robot").expect("a page").contains("<svg"));
+    let [findings, named] = &explanation.sections()[..2] else { panic!("no sections") };
+    assert_eq!([findings.title.as_str(), named.title.as_str()], ["Findings", "Effects named"]);
+    assert!(!explanation.pictures.is_empty());
 }
 
 /// A slow encoder jumps by a count at every edge; a count that is lost does not come back.

@@ -22,6 +22,9 @@ pub struct Generation {
     pub best_counts2: f64,
     /// Candidates judged so far.
     pub evaluations: usize,
+    /// Best objective so far of each subpopulation as the search judged it, within a relative 1e-4, counts²; empty for a
+    /// search without subpopulations.
+    pub subpopulation_counts2: Vec<f64>,
 }
 
 /// What a search found.
@@ -120,7 +123,11 @@ fn search_sized<const GENES: usize>(
     genetic.run(&mut objective, |state| {
         let (genes, best_counts2) = state.best();
         leaders.push(values_of(&genes));
-        generations.push(Generation { best_counts2, evaluations: state.evaluations() as usize });
+        generations.push(Generation {
+            best_counts2,
+            evaluations: state.evaluations() as usize,
+            subpopulation_counts2: (0..SUBPOPULATIONS).map(|index| state.best_of(index).1).collect(),
+        });
         progress(best_counts2);
     });
     let fallback = values_of(&genetic.best().0);
@@ -163,7 +170,7 @@ fn evolve(
         } else {
             leaders.push(leaders[leaders.len() - 1]);
         }
-        generations.push(Generation { best_counts2: best, evaluations });
+        generations.push(Generation { best_counts2: best, evaluations, subpopulation_counts2: Vec::new() });
         progress(best);
         objectives.truncate(candidates.len());
         objectives

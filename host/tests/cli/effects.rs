@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use crate::bench::{BAD_FILE, Bench, USAGE, numbers};
+use crate::page::Page;
 
 const EFFECTS: &str = "--effect cogging:joint=3,amplitude_nm=0.1,order=3,phase_rad=0.5 \
     --effect asymmetric-friction:joint=2,difference_nm=0.14 --effect torque-offset:joint=3,torque_nm=-0.05";
@@ -62,7 +63,7 @@ fn effects_that_are_not_compensated_are_named() {
 fn demo_explain_tells_the_whole_story() {
     let bench = Bench::new();
     for seed in [3, 5] {
-        let shown = bench.json(&format!("demo explain --seed {seed} --out story"));
+        let shown = bench.json(&format!("demo explain --seed {seed} --out story --report page.html"));
         let (truth, found) = (&shown["truth"], &shown["explanation"]);
         assert_eq!(found["verdict"], "named", "seed {seed}: {found}");
         let named = found["effects"].as_array().unwrap().iter().any(|effect| {
@@ -82,6 +83,16 @@ fn demo_explain_tells_the_whole_story() {
         for file in ["baseline.toml", "extended.toml", "report.html", "tracking.svg", "changed-check.csv"] {
             assert!(bench.path("story").join(file).is_file(), "{file}");
         }
+        let explained =
+            ["Findings", "Effects named", "Gap", "What was tried", "Ruled out by the screen", "Pictures", "Parameters"];
+        let page = Page::read(&bench, "story/report.html");
+        page.expect_sections(&[&explained[..], &["Provenance"]].concat());
+        assert_eq!(page.column("Gap", 0, 1)[0], found["gap"]["before"].as_f64().unwrap());
+        assert_eq!(page.column("Gap", 0, 2)[1], gap("after"));
+        assert_eq!(page.table("What was tried", 0).len(), found["candidates"].as_array().unwrap().len());
+        let page = Page::read(&bench, "page.html");
+        page.expect_sections(&[&["Tracking", "Currents", "The truth"], &explained[..], &["Provenance"]].concat());
+        assert_eq!(page.column("Tracking", 0, 3)[4..], with);
     }
     let shown = bench.done("demo --help");
     assert!(shown.contains("demo explain --seed"), "{shown}");

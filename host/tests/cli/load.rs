@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use crate::bench::{Bench, FAILED, UNSAFE, USAGE};
+use crate::page::Page;
 
 /// The mass found and its standard error.
 fn mass(found: &Value) -> [f64; 2] {
@@ -103,7 +104,7 @@ fn wrong_settings_are_refused_with_their_limits() {
 #[test]
 fn demo_load_tells_of_pick_and_drop() {
     let bench = Bench::new();
-    let shown = bench.json("demo load --seed 2 --mass-kg 1.4 --out story");
+    let shown = bench.json("demo load --seed 2 --mass-kg 1.4 --out story --report page.html");
     let found = shown["found"].as_array().unwrap();
     assert_eq!(found.len(), 3, "{shown}");
     for (found, truth_kg) in found.iter().zip([0.0, 1.4, 0.0]) {
@@ -117,5 +118,18 @@ fn demo_load_tells_of_pick_and_drop() {
     assert!(largest("ctc") < 12.0 && largest("ctc_unaware") > 0.0, "{shown}");
     let picture = std::fs::read_to_string(bench.path("story/load.svg")).unwrap();
     assert!(picture.starts_with("<svg") && picture.contains("mass carried"));
+    let page = Page::read(&bench, "page.html");
+    page.expect_sections(&[
+        "Found and true",
+        "Load over time",
+        "Tracking",
+        "What was told",
+        "Parameters",
+        "Provenance",
+    ]);
+    let list = |name: &str| found.iter().map(|found| found[name].as_f64().unwrap()).collect::<Vec<f64>>();
+    for (column, name) in ["at_s", "mass_kg", "standard_error_kg", "true_mass_kg"].into_iter().enumerate() {
+        assert_eq!(page.column("Found and true", 0, column), list(name), "{name}");
+    }
     bench.refused(USAGE, "demo load --mass-kg 9", &["--mass-kg 9", "2.4"]);
 }

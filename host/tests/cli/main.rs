@@ -5,6 +5,8 @@ mod bench;
 mod board;
 mod effects;
 mod load;
+mod page;
+mod report;
 mod tracking;
 
 use std::path::Path;
@@ -20,7 +22,8 @@ fn help_documents_the_exit_codes() {
     let codes =
         ["0  done", "1  failed", "2  wrong usage", "3  bad input file", "4  board unreachable", "5  refused as unsafe"];
     assert!(codes.iter().all(|code| help.contains(code)), "{help}");
-    for command in ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "load", "simulate"]
+    for command in
+        ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "load", "simulate", "report"]
     {
         assert!(help.contains(command));
         bench.done(&format!("{command} --help"));
@@ -87,7 +90,7 @@ fn a_lead_is_sought_with_f() {
 #[test]
 fn demo_shows_the_whole_chain() {
     let bench = Bench::new();
-    let shown = bench.json("demo --seed 2 --out shown");
+    let shown = bench.json("demo --seed 2 --out shown --report page.html");
     let within = numbers(&shown["ctc"]["within_one_count"]);
     assert!(within.iter().all(|percent| *percent >= 99.0), "{within:?}");
     for ((found, truth), error) in
@@ -100,6 +103,24 @@ fn demo_shows_the_whole_chain() {
     }
     let picture = std::fs::read_to_string(bench.path("shown/demo.svg")).unwrap();
     assert!(picture.starts_with("<svg") && picture.contains("computed torque"));
+
+    let page = page::Page::read(&bench, "page.html");
+    page.expect_sections(&[
+        "Tracking",
+        "Currents",
+        "True and found",
+        "Parameters",
+        "How well the model repeats the recordings",
+        "Search",
+        "Correlations",
+        "Tracking errors, measured and simulated",
+        "Currents, measured and simulated",
+        "Residual maps",
+        "Provenance",
+    ]);
+    assert_eq!(page.column("True and found", 0, 2)[..9], numbers(&shown["f"]));
+    assert_eq!(page.column("True and found", 0, 1)[..9], numbers(&shown["true_f"]));
+    assert_eq!(page.column("Tracking", 0, 4)[2..], within);
 }
 
 /// The positioning axis of the shared data folder, where this machine has it.

@@ -9,6 +9,7 @@ use armid::hidden_robot::HiddenRobot;
 use armid::identify::{FrictionMode, Identification, Method, Options, Parameter, Sought, identify};
 use armid::link::SimulatedBoard;
 use armid::recording::{Mode, Recording};
+use armid::report::PAPER_SCATTER_PERCENT;
 use armid::robot::{Law, Robot};
 use clap::Args;
 use serde_json::json;
@@ -28,8 +29,6 @@ const PERIOD_S: f64 = 3.65;
 /// What the paper reports: best objective of the first generation and at the end, in counts², low and high.
 const PAPER_FIRST_COUNTS2: [f64; 2] = [38e3, 45e3];
 const PAPER_FINAL_COUNTS2: [f64; 2] = [23e3, 25e3];
-/// Scatter of f1..f9 the paper saw, in per cent.
-const PAPER_SCATTER_PERCENT: [f64; PARAMETERS] = [10.0, 21.0, 80.0, 30.0, 16.0, 14.0, 11.0, 40.0, 3.0];
 
 /// Arguments of `bench paper`.
 #[derive(Debug, Args)]

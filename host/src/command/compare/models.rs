@@ -11,40 +11,58 @@ use serde_json::{Value, json};
 
 use super::super::CommandError;
 use super::super::common::{print, print_json, read_model};
+use super::super::page::{self, ReportArguments};
 
 /// How well a model repeats recordings, per joint in counts rms.
-struct Gap {
-    closed_loop_rms_counts: Vec<f64>,
-    innovation_rms_counts: Vec<f64>,
+pub struct Gap {
+    pub closed_loop_rms_counts: Vec<f64>,
+    pub innovation_rms_counts: Vec<f64>,
 }
 
 /// One parameter of a model.
 #[derive(Clone)]
-struct Entry {
-    name: String,
-    value: f64,
-    standard_error: Option<f64>,
+pub struct Entry {
+    pub name: String,
+    pub value: f64,
+    pub standard_error: Option<f64>,
+}
+
+/// One of the models.
+pub struct Compared {
+    pub path: PathBuf,
+    pub model: Model,
+    /// f and friction.
+    pub entries: Vec<Entry>,
+    /// How well it repeats the recordings, where there are any.
+    pub gap: Option<Gap>,
 }
 
 /// Prints the models at `paths`, compared with the first.
-pub fn compare(robot: &Robot, paths: &[PathBuf], recordings: &[Recording], as_json: bool) -> Result<(), CommandError> {
+pub fn compare(
+    robot: &Robot,
+    paths: &[PathBuf],
+    recordings: &[Recording],
+    as_json: bool,
+    report: &ReportArguments,
+) -> Result<(), CommandError> {
     let models = paths.iter().map(|path| read_model(path, robot)).collect::<Result<Vec<Model>, _>>()?;
     let experiment = (!recordings.is_empty()).then(|| Experiment::new(robot, recordings)).transpose()?;
-    let gaps: Option<Vec<Gap>> = experiment.map(|experiment| {
-        let gap = |model: &Model| {
-            let values = identified_model::values(robot, model);
-            Gap {
-                closed_loop_rms_counts: experiment.closed_loop_rms_counts(&values),
-                innovation_rms_counts: experiment.innovation_rms_counts(&values),
-            }
-        };
-        models.iter().map(gap).collect()
-    });
-    let entries: Vec<Vec<Entry>> = models.iter().map(|model| entries(robot, model)).collect();
-    if as_json {
-        return print_json(&to_json(paths, &models, &entries, gaps.as_deref()));
-    }
-    print(table(robot, paths, &models, &entries, gaps.as_deref()))
+    let compared: Vec<Compared> = paths
+        .iter()
+        .zip(models)
+        .map(|(path, model)| {
+            let gap = experiment.as_ref().map(|experiment| {
+                let values = identified_model::values(robot, &model);
+                Gap {
+                    closed_loop_rms_counts: experiment.closed_loop_rms_counts(&values),
+                    innovation_rms_counts: experiment.innovation_rms_counts(&values),
+                }
+            });
+            Compared { path: path.clone(), entries: entries(robot, &model), model, gap }
+        })
+        .collect();
+    if as_json { print_json(&to_json(&compared)) } else { print(table(robot, &compared)) }?;
+    report.write(|| page::compare::of_models(robot, &compared, recordings, page::provenance().robot(robot)))
 }
 
 fn entries(robot: &Robot, model: &Model) -> Vec<Entry> {
@@ -72,7 +90,7 @@ fn entries(robot: &Robot, model: &Model) -> Vec<Entry> {
 }
 
 /// How far `entry` is from `first`, in standard errors of the difference; nothing where one of them has none.
-fn in_standard_errors(first: &Entry, entry: &Entry) -> Option<f64> {
+pub fn in_standard_errors(first: &Entry, entry: &Entry) -> Option<f64> {
     let together = first.standard_error?.hypot(entry.standard_error?);
     (together > 0.0).then(|| (entry.value - first.value) / together)
 }
@@ -84,42 +102,45 @@ fn method(model: &Model) -> &str {
 /// How wide a model's column is.
 const WIDTH: usize = 34;
 
-fn table(robot: &Robot, paths: &[PathBuf], models: &[Model], entries: &[Vec<Entry>], gaps: Option<&[Gap]>) -> String {
+fn table(robot: &Robot, compared: &[Compared]) -> String {
     let row = |name: &str, cells: Vec<String>| {
         let cells: String = cells.iter().map(|cell| format!(" {cell:>WIDTH$}")).collect();
         format!("{name:<20}{cells}").trim_end().to_string()
     };
-    let mut lines = vec![row("model", paths.iter().map(|path| path.display().to_string()).collect())];
-    lines.push(row("method", models.iter().map(|model| method(model).to_string()).collect()));
-    for index in 0..entries[0].len() {
-        let cell = |of_model: &Vec<Entry>| {
-            let entry = &of_model[index];
+    let first = &compared[0].entries;
+    let mut lines = vec![row("model", compared.iter().map(|one| one.path.display().to_string()).collect())];
+    lines.push(row("method", compared.iter().map(|one| method(&one.model).to_string()).collect()));
+    for (index, named) in first.iter().enumerate() {
+        let cell = |of_model: &Compared| {
+            let entry = &of_model.entries[index];
             let error = entry.standard_error.map_or_else(String::new, |error| format!(" ± {error:.1e}"));
-            let apart = in_standard_errors(&entries[0][index], entry);
-            let apart = apart.filter(|_| !std::ptr::eq(of_model, &entries[0]));
+            let apart = in_standard_errors(named, entry);
+            let apart = apart.filter(|_| !std::ptr::eq(of_model, &compared[0]));
             let apart = apart.map_or_else(String::new, |apart| format!(" ({apart:+.1})"));
             format!("{:.6}{error}{apart}", entry.value)
         };
-        lines.push(row(&entries[0][index].name, entries.iter().map(cell).collect()));
+        lines.push(row(&named.name, compared.iter().map(cell).collect()));
     }
-    if let Some(gaps) = gaps {
+    let gaps: Vec<&Gap> = compared.iter().filter_map(|one| one.gap.as_ref()).collect();
+    if !gaps.is_empty() {
         let list = |values: &[f64]| values.iter().map(|value| format!("{value:.3}")).collect::<Vec<_>>().join(" / ");
         lines.push(row("closed-loop gap", gaps.iter().map(|gap| list(&gap.closed_loop_rms_counts)).collect()));
         lines.push(row("innovations", gaps.iter().map(|gap| list(&gap.innovation_rms_counts)).collect()));
     }
     lines.push("in brackets: difference from the first model in standard errors of the difference".into());
-    if gaps.is_some() {
+    if !gaps.is_empty() {
         let rounding = if robot.quantised { "; rounding alone leaves innovations of 0.29" } else { "" };
         lines.push(format!("gaps in counts rms per joint{rounding}"));
     }
     lines.join("\n")
 }
 
-fn to_json(paths: &[PathBuf], models: &[Model], entries: &[Vec<Entry>], gaps: Option<&[Gap]>) -> Value {
-    let of_model = |index: usize| {
-        let parameters: Vec<Value> = entries[index]
+fn to_json(compared: &[Compared]) -> Value {
+    let of_model = |one: &Compared| {
+        let parameters: Vec<Value> = one
+            .entries
             .iter()
-            .zip(&entries[0])
+            .zip(&compared[0].entries)
             .map(|(entry, first)| {
                 json!({
                     "name": entry.name, "value": entry.value, "standard_error": entry.standard_error,
@@ -128,13 +149,13 @@ fn to_json(paths: &[PathBuf], models: &[Model], entries: &[Vec<Entry>], gaps: Op
                 })
             })
             .collect();
-        let gap = gaps.map(|gaps| {
+        let gap = one.gap.as_ref().map(|gap| {
             json!({
-                "closed_loop_rms_counts": gaps[index].closed_loop_rms_counts,
-                "innovation_rms_counts": gaps[index].innovation_rms_counts,
+                "closed_loop_rms_counts": gap.closed_loop_rms_counts,
+                "innovation_rms_counts": gap.innovation_rms_counts,
             })
         });
-        json!({"model": paths[index], "method": method(&models[index]), "parameters": parameters, "gap": gap})
+        json!({"model": one.path, "method": method(&one.model), "parameters": parameters, "gap": gap})
     };
-    json!({"models": (0..models.len()).map(of_model).collect::<Vec<Value>>()})
+    json!({"models": compared.iter().map(of_model).collect::<Vec<Value>>()})
 }

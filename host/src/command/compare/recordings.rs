@@ -1,38 +1,27 @@
 //! Recordings tick by tick: how far their tracking errors are apart, and one picture of all.
 
 use std::collections::HashMap;
-use std::error::Error;
 use std::path::Path;
 
 use armid::recording::Recording;
+use armid::report::{self, Ink, Line, Picture, staircase, thinned};
 use armid::robot::Robot;
-use plotters::prelude::*;
 use serde_json::json;
 
 use super::super::CommandError;
 use super::super::common::{check_outputs, print, print_json, with_sidecars};
-use super::super::drawing::staircase;
+use super::super::page::{self, ReportArguments};
 
 const WIDTH: u32 = 1100;
 const PANEL_HEIGHT: u32 = 300;
 
-/// Colours that can be told apart by everyone (Okabe & Ito 2008).
-const COLOURS: [RGBColor; 6] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(230, 159, 0),
-    RGBColor(86, 180, 233),
-];
-
 /// One joint of a recording against the same of the first.
-struct Difference {
+pub struct Difference {
     /// Ticks that both have.
-    samples: usize,
-    max_counts: f64,
-    rms_counts: f64,
-    reference_max_counts: f64,
+    pub samples: usize,
+    pub max_counts: f64,
+    pub rms_counts: f64,
+    pub reference_max_counts: f64,
 }
 
 /// Prints how far `recordings` are from the first, and draws them to `plot`.
@@ -41,6 +30,7 @@ pub fn compare(
     recordings: &[Recording],
     plot: Option<&Path>,
     as_json: bool,
+    report: &ReportArguments,
 ) -> Result<(), CommandError> {
     if let Some(plot) = plot {
         let paths: Vec<_> = recordings.iter().map(|recording| recording.path.clone()).collect();
@@ -55,7 +45,7 @@ pub fn compare(
         return Err(CommandError::Failed(format!("{first} and {other} have no tick in common")));
     }
     if let Some(path) = plot {
-        let svg = draw(robot, recordings).map_err(|error| CommandError::Failed(format!("no picture: {error}")))?;
+        let svg = draw(robot, recordings)?;
         armid::write_file(path, svg.as_bytes())?;
     }
     if as_json {
@@ -75,8 +65,17 @@ pub fn compare(
             json!({"recording": recording.path, "joints": joints})
         };
         let others: Vec<_> = recordings[1..].iter().zip(&differences).map(of_recording).collect();
-        return print_json(&json!({"first": recordings[0].path, "differences": others, "plot": plot}));
+        print_json(&json!({"first": recordings[0].path, "differences": others, "plot": plot}))?;
+    } else {
+        print(table(robot, recordings, &differences))?;
     }
+    report.write(|| {
+        let provenance = page::provenance().robot(robot);
+        Ok(page::compare::of_recordings(robot, recordings, &differences, provenance))
+    })
+}
+
+fn table(robot: &Robot, recordings: &[Recording], differences: &[Vec<Difference>]) -> String {
     let mut lines = vec![
         format!("tracking errors against those of {}, in counts", recordings[0].path.display()),
         format!(
@@ -84,7 +83,7 @@ pub fn compare(
             "recording", "joint", "samples", "max", "rms", "references differ by"
         ),
     ];
-    for (recording, differences) in recordings[1..].iter().zip(&differences) {
+    for (recording, differences) in recordings[1..].iter().zip(differences) {
         for (joint, difference) in robot.joints.iter().zip(differences) {
             lines.push(format!(
                 "{:<30} {:>5} {:>8} {:>10.1} {:>10.2} {:>22.1}",
@@ -97,7 +96,7 @@ pub fn compare(
             ));
         }
     }
-    print(lines.join("\n"))
+    lines.join("\n")
 }
 
 fn difference(first: &Recording, other: &Recording, joint: usize) -> Difference {
@@ -119,38 +118,23 @@ fn difference(first: &Recording, other: &Recording, joint: usize) -> Difference 
 }
 
 /// The tracking errors of all recordings, one panel a joint; gives the SVG's text.
-fn draw(robot: &Robot, recordings: &[Recording]) -> Result<String, Box<dyn Error>> {
-    let joints = robot.joints.len();
-    let mut svg = String::new();
-    {
-        let area = SVGBackend::with_string(&mut svg, (WIDTH, PANEL_HEIGHT * joints as u32 + 40)).into_drawing_area();
-        area.fill(&WHITE)?;
-        let area = area.titled("Tracking errors", ("sans-serif", 22))?;
-        for (index, panel) in area.split_evenly((joints, 1)).iter().enumerate() {
-            let errors = || recordings.iter().flat_map(|recording| recording.error_counts[index].iter());
-            let largest = errors().fold(2.0, |largest: f64, error| largest.max(error.abs())) * 1.15;
-            let last = recordings.iter().filter_map(|recording| recording.tick.last()).max().copied().unwrap_or(1);
-            let duration_s = f64::from(last) * robot.record_period_s;
-            let mut chart = ChartBuilder::on(panel)
-                .caption(format!("joint {}", robot.joints[index].name), ("sans-serif", 16))
-                .margin(10)
-                .x_label_area_size(34)
-                .y_label_area_size(60)
-                .build_cartesian_2d(0.0..duration_s, -largest..largest)?;
-            chart.configure_mesh().light_line_style(WHITE).x_desc("time, s").y_desc("error, counts").draw()?;
-            for (recording, colour) in recordings.iter().zip(COLOURS.iter().cycle()) {
-                let start_s = f64::from(recording.tick[0]) * robot.record_period_s;
-                let points = staircase(&recording.error_counts[index], robot.record_period_s);
-                let shifted = points.into_iter().map(move |(time_s, error)| (start_s + time_s, error));
-                let style = colour.stroke_width(1);
-                chart
-                    .draw_series(LineSeries::new(shifted, style))?
-                    .label(recording.path.display().to_string())
-                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
-            }
-            chart.configure_series_labels().background_style(WHITE).border_style(BLACK).draw()?;
-        }
-        area.present()?;
-    }
-    Ok(svg)
+fn draw(robot: &Robot, recordings: &[Recording]) -> Result<String, CommandError> {
+    report::sheet("Tracking errors", &pictures(robot, recordings), 1, (WIDTH, PANEL_HEIGHT))
+        .map_err(|error| CommandError::Failed(error.to_string()))
+}
+
+/// One picture a joint, with the tracking errors of all recordings.
+pub fn pictures(robot: &Robot, recordings: &[Recording]) -> Vec<Picture> {
+    let of_joint = |index: usize| {
+        let line = |(place, recording): (usize, &Recording)| {
+            let start_s = f64::from(recording.tick[0]) * robot.record_period_s;
+            let points = staircase(&recording.error_counts[index], robot.record_period_s);
+            let shifted = points.into_iter().map(|(time_s, error)| (start_s + time_s, error)).collect();
+            Line::new(recording.path.display().to_string(), Ink::Nth(place), thinned(shifted))
+        };
+        let lines = recordings.iter().enumerate().map(line).collect();
+        let title = format!("joint {}", robot.joints[index].name);
+        Picture::lines(title, ["time, s", "error, counts"], lines).symmetric(2.0)
+    };
+    (0..robot.joints.len()).map(of_joint).collect()
 }

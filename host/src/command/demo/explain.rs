@@ -9,14 +9,33 @@ use armid::identify;
 use armid::link::SimulatedBoard;
 use armid::model::{Effect, Model};
 use armid::recording::{Mode, Recording};
+use armid::report::FileRole;
 use armid::robot::Robot;
 use clap::Args;
 use serde_json::json;
 
 use super::super::common::{advise, for_board, print, print_json};
+use super::super::page;
 use super::super::track::{self, Compared};
-use super::super::{CommandError, drawing, identify as identify_command, progress};
-use super::{Common, TRACKING_PERIOD_S, TRAINING_PERIODS_S};
+use super::super::{CommandError, identify as identify_command, progress};
+use super::{Common, TRACKING_PERIOD_S, TRAINING_PERIODS_S, draw_tracking};
+
+/// What is written into the output folder.
+const FILES: [&str; 13] = [
+    "robot.toml",
+    "healthy1.csv",
+    "healthy2.csv",
+    "baseline.toml",
+    "changed1.csv",
+    "changed2.csv",
+    "changed-check.csv",
+    "extended.toml",
+    "report.html",
+    "ctc-healthy.csv",
+    "ctc-baseline.csv",
+    "ctc-extended.csv",
+    "tracking.svg",
+];
 
 /// Period T of the movement that is kept back to judge by, in s.
 const CHECK_PERIOD_S: f64 = 4.2;
@@ -42,6 +61,7 @@ pub struct ExplainDemo {
 
 impl ExplainDemo {
     pub fn run(&self) -> Result<(), CommandError> {
+        self.common.check_report(&FILES)?;
         let robot = Robot::paper();
         robot.write(&self.common.out.join("robot.toml"))?;
         let healthy = HiddenRobot::draw(&robot, self.common.seed);
@@ -80,15 +100,19 @@ impl ExplainDemo {
         let extended = self.common.movement(&mut client, &robot, TRACKING_PERIOD_S, Mode::Ctc, "ctc-extended.csv")?;
 
         let runs = [(&plain, "model of the healthy robot"), (&extended, "extended model")];
-        let picture = drawing::tracking(&robot, runs)
-            .map_err(|reason| CommandError::Failed(format!("the picture could not be drawn: {reason}")))?;
-        armid::write_file(&self.common.out.join("tracking.svg"), picture.as_bytes())?;
+        draw_tracking(&self.common.out.join("tracking.svg"), &robot, &runs)?;
         let compared = [
             Compared { label: "healthy robot, its model", field: "ctc_healthy", recording: healthy },
             Compared { label: "changed robot, old model", field: "ctc_without_effects", recording: plain },
             Compared { label: "changed robot, extended model", field: "ctc", recording: extended },
         ];
-        self.report(&robot, &truth, &explanation, &compared)
+        let recognised = recognised(&truth, &explanation);
+        self.report(&robot, &truth, &explanation, &compared, recognised)?;
+        self.common.report.write(|| {
+            let provenance = page::provenance().seed(self.common.seed).robot(&robot);
+            let provenance = page::demo::written(provenance, &self.common.out, &FILES);
+            Ok(page::demo::explained(&robot, &truth, recognised, &explanation, &compared, provenance))
+        })
     }
 
     /// A simulated board with `hidden` at its terminals, ready to move.
@@ -133,8 +157,9 @@ impl ExplainDemo {
         })?;
         bar.finish_and_clear();
         explanation.model.write(&self.common.out.join("extended.toml"))?;
-        let page = explanation.to_html(&robot.name).map_err(|error| CommandError::Failed(error.to_string()))?;
-        armid::write_file(&self.common.out.join("report.html"), page.as_bytes())?;
+        let provenance = page::provenance().seed(self.common.seed).robot(robot);
+        let provenance = provenance.recordings(FileRole::Read, fitted.iter().chain(check));
+        page::write_page(&self.common.out.join("report.html"), &page::explain::page(robot, &explanation, &provenance))?;
         Ok(explanation)
     }
 
@@ -144,19 +169,16 @@ impl ExplainDemo {
         truth: &Effect,
         explanation: &Explanation,
         compared: &[Compared],
+        recognised: &str,
     ) -> Result<(), CommandError> {
-        let same_joint = |finding: &&Finding| finding.joint == truth.joint;
-        let named = explanation.effects.iter().filter(same_joint).any(|finding| finding.name == truth.name);
-        let in_class =
-            explanation.effects.iter().filter(same_joint).any(|finding| finding.class.contains(&truth.name.as_str()));
         if self.common.json {
             let mut object = track::to_json(robot, compared);
             object["seed"] = json!(self.common.seed);
             object["explanation"] = explanation.to_json();
             object["sentences"] = json!(explanation.sentences);
             object["truth"] = json!(truth);
-            object["truth_named"] = json!(named);
-            object["truth_in_class"] = json!(in_class);
+            object["truth_named"] = json!(recognised == NAMED);
+            object["truth_in_class"] = json!(recognised != NOT_NAMED);
             object["out"] = json!(self.common.out);
             return print_json(&object);
         }
@@ -166,9 +188,7 @@ impl ExplainDemo {
             if truth.joint == armid::effects::BOTH_JOINTS { "arm".into() } else { format!("joint {}", truth.joint) };
         print(format!(
             "\nWhat the baseline lacks (verdict: {})\n{}\n\nComputed torque on the paper's movement, T = {} s\n{}\n\nThe \
-             truth (seed {}): {whose}: {} ({}): {}\n\nFiles in {}: robot.toml, healthy1.csv, healthy2.csv, baseline.toml, \
-             changed1.csv, changed2.csv, changed-check.csv, extended.toml, report.html, ctc-healthy.csv, \
-             ctc-baseline.csv, ctc-extended.csv, tracking.svg",
+             truth (seed {}): {whose}: {} ({}): {}\n\nFiles in {}: {}",
             explanation.verdict.word(),
             explanation.sentences.join("\n"),
             TRACKING_PERIOD_S,
@@ -176,12 +196,29 @@ impl ExplainDemo {
             self.common.seed,
             truth.name,
             parameters.join(", "),
-            match (named, in_class) {
-                (true, _) => "named",
-                (false, true) => "in the class named",
-                (false, false) => "not named",
-            },
-            self.common.out.display()
+            recognised,
+            self.common.out.display(),
+            FILES.join(", ")
         ))
+    }
+}
+
+/// The effect hidden was named.
+const NAMED: &str = "named";
+/// It is in the class of one that was named.
+const IN_CLASS: &str = "in the class named";
+/// It is not.
+const NOT_NAMED: &str = "not named";
+
+/// How far the truth was recognised, on its own joint.
+fn recognised(truth: &Effect, explanation: &Explanation) -> &'static str {
+    let same_joint = |finding: &&Finding| finding.joint == truth.joint;
+    let mut found = explanation.effects.iter().filter(same_joint);
+    if found.clone().any(|finding| finding.name == truth.name) {
+        NAMED
+    } else if found.any(|finding| finding.class.contains(&truth.name.as_str())) {
+        IN_CLASS
+    } else {
+        NOT_NAMED
     }
 }

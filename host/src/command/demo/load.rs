@@ -1,16 +1,16 @@
 //! `armid demo load`: a load is picked up and dropped while the arm moves; the board finds it each time.
 
-use std::error::Error;
-
 use armid::client::{Client, Pose};
 use armid::hidden_robot::HiddenRobot;
 use armid::link::{LoadChange, SimulatedBoard};
 use armid::load::{self, Listener, Told};
 use armid::model::Model;
 use armid::recording::{Mode, Recording};
+use armid::report::{
+    self, Assumed, Cell, FileRole, Ink, Line, Picture, Section, Table, assumed_load, staircase, thinned,
+};
 use armid::robot::Robot;
 use clap::Args;
-use plotters::prelude::*;
 use serde_json::json;
 use shared::load::LoadNews;
 
@@ -18,8 +18,8 @@ use super::super::common::{TrajectoryArguments, advise, for_board, print, print_
 use super::super::load::sentence;
 use super::super::run::Run;
 use super::super::track::{self, Compared};
-use super::super::{CommandError, drawing, own_model};
-use super::Common;
+use super::super::{CommandError, own_model, page};
+use super::{Common, draw};
 
 /// Period T of the movement, s.
 const PERIOD_S: f64 = 5.0;
@@ -28,6 +28,9 @@ const PICKED_AT_S: f64 = 1.5;
 const DROPPED_AT_S: f64 = 3.4;
 /// Masses that are drawn, kg.
 const MASSES_KG: [f64; 2] = [0.5, 2.3];
+
+/// What is written into the output folder.
+const FILES: [&str; 5] = ["robot.toml", "model.toml", "unaware.csv", "aware.csv", "load.svg"];
 
 const EXAMPLES: &str =
     "Mass of the load and robot are drawn from the seed. The board knows neither; the truth is printed \
@@ -57,6 +60,7 @@ impl LoadDemo {
         if !(0.2..=2.4).contains(&mass_kg) {
             return Err(CommandError::Usage(format!("--mass-kg {mass_kg} is not from 0.2 to 2.4 kg")));
         }
+        self.common.check_report(&FILES)?;
         let robot = Robot::paper();
         robot.write(&self.common.out.join("robot.toml"))?;
         let hidden = HiddenRobot::draw(&robot, seed);
@@ -84,10 +88,67 @@ impl LoadDemo {
         client.identify_load(&load::settings(&robot, &model, load::MAXIMUM_KG, load::GRASP_M))?;
         let (aware, told) = self.movement(&mut client, &robot, "aware.csv")?;
 
-        let picture = picture(&robot, &unaware, &aware, mass_kg, &told)
-            .map_err(|reason| CommandError::Failed(format!("the picture could not be drawn: {reason}")))?;
-        armid::write_file(&self.common.out.join("load.svg"), picture.as_bytes())?;
-        self.report(&robot, &model, mass_kg, unaware, aware, &told)
+        let duration_s = aware.samples() as f64 * robot.record_period_s;
+        let mut pictures = vec![Picture {
+            title: "mass carried (orange) and assumed by computed torque (blue)".into(),
+            ..assumed_load(
+                &Assumed::course(load::MAXIMUM_KG, &told),
+                duration_s,
+                Some(carried_course(mass_kg, duration_s)),
+            )
+        }];
+        pictures.extend(errors(&robot, &unaware, &aware));
+        let pictures: Vec<Picture> = pictures.into_iter().map(Picture::unnamed).collect();
+        let path = self.common.out.join("load.svg");
+        draw(&path, "A load picked up and dropped mid-motion", &pictures, 1, (1000, 260))?;
+        let compared = [
+            Compared { label: "knows of no load", field: "ctc_unaware", recording: unaware },
+            Compared { label: "identifies the load", field: "ctc", recording: aware },
+        ];
+        self.report(&robot, &model, mass_kg, &compared, &told)?;
+        self.common.report.write(|| Ok(self.page(&robot, &model, mass_kg, &compared, &told)))
+    }
+
+    fn page(
+        &self,
+        robot: &Robot,
+        model: &Model,
+        mass_kg: f64,
+        compared: &[Compared; 2],
+        told: &[Told],
+    ) -> report::Page {
+        let [unaware, aware] = compared;
+        let duration_s = aware.recording.samples() as f64 * robot.record_period_s;
+        let runs = [(&unaware.recording, unaware.label), (&aware.recording, aware.label)];
+        let carried = page::load::Carried {
+            robot,
+            told,
+            maximum_kg: load::MAXIMUM_KG,
+            carried: Some(carried_course(mass_kg, duration_s)),
+            runs: &runs,
+            errors: errors(robot, &unaware.recording, &aware.recording),
+        };
+        let mut table = Table::new(["time, s", "found, kg", "± standard error, kg", "true, kg"]);
+        for (at_s, found_kg, error_kg, true_kg) in found(told, mass_kg) {
+            table = table.row([at_s, found_kg, error_kg, true_kg].map(|value| Cell::fixed(value, 3)));
+        }
+        let provenance = page::provenance()
+            .seed(self.common.seed)
+            .robot(robot)
+            .model(robot, model)
+            .recordings(FileRole::Written, runs.map(|(recording, _)| recording));
+        let rest = vec![
+            report::parameters(robot, "empty arm", &report::of_model(robot, model)),
+            page::demo::written(provenance, &self.common.out, &FILES).section(),
+        ];
+        let verdict = format!(
+            "{mass_kg:.3} kg picked up at {PICKED_AT_S} s and dropped at {DROPPED_AT_S} s. {}",
+            page::track::verdict(compared)
+        );
+        let mut page = carried.page(verdict, Section::new("Found and true").table(table), rest);
+        page.command = "demo load".into();
+        page.title = "A load picked up and dropped mid-motion".into();
+        page
     }
 
     /// The movement under computed torque, and what the board told about the load, in s from its first row.
@@ -110,28 +171,12 @@ impl LoadDemo {
         robot: &Robot,
         model: &Model,
         mass_kg: f64,
-        unaware: Recording,
-        aware: Recording,
+        compared: &[Compared],
         told: &[Told],
     ) -> Result<(), CommandError> {
-        let found: Vec<(f64, f64, f64, f64)> = told
-            .iter()
-            .filter_map(|told| match told.news {
-                LoadNews::Found(found) => Some((
-                    told.at_s,
-                    f64::from(found.mass_kg),
-                    f64::from(found.standard_error_kg),
-                    carried_kg(told.at_s, mass_kg),
-                )),
-                _ => None,
-            })
-            .collect();
-        let compared = [
-            Compared { label: "knows of no load", field: "ctc_unaware", recording: unaware },
-            Compared { label: "identifies the load", field: "ctc", recording: aware },
-        ];
+        let found = found(told, mass_kg);
         if self.common.json {
-            let mut object = track::to_json(robot, &compared);
+            let mut object = track::to_json(robot, compared);
             object["seed"] = json!(self.common.seed);
             object["true_mass_kg"] = json!(mass_kg);
             object["picked_at_s"] = json!(PICKED_AT_S);
@@ -158,12 +203,12 @@ impl LoadDemo {
             .collect();
         print(format!(
             "\nWhat the board told ({mass_kg:.3} kg picked up at {PICKED_AT_S} s, dropped at {DROPPED_AT_S} s)\n{}\n\nFound \
-             and true\n{}\n\nTracking under computed torque\n{}\n\nFiles in {}: robot.toml, model.toml, unaware.csv, \
-             aware.csv, load.svg",
+             and true\n{}\n\nTracking under computed torque\n{}\n\nFiles in {}: {}",
             events.join("\n"),
             results.join("\n"),
-            track::table(robot, &compared),
-            self.common.out.display()
+            track::table(robot, compared),
+            self.common.out.display(),
+            FILES.join(", ")
         ))
     }
 }
@@ -173,69 +218,41 @@ fn carried_kg(at_s: f64, mass_kg: f64) -> f64 {
     if (PICKED_AT_S..DROPPED_AT_S).contains(&at_s) { mass_kg } else { 0.0 }
 }
 
-/// Mass carried and assumed over the movement, and the errors below it; as SVG.
-fn picture(
-    robot: &Robot,
-    unaware: &Recording,
-    aware: &Recording,
-    mass_kg: f64,
-    told: &[Told],
-) -> Result<String, Box<dyn Error>> {
-    let period_s = robot.record_period_s;
-    let duration_s = aware.samples() as f64 * period_s;
-    let mut assumed = vec![(0.0, 0.5 * load::MAXIMUM_KG)];
-    for told in told {
-        let now_kg = match told.news {
-            LoadNews::Found(found) => f64::from(found.mass_kg),
-            LoadNews::Changed { assumed_kg, .. } => f64::from(assumed_kg),
-            _ => continue,
-        };
-        let before_kg = assumed.last().map_or(0.0, |&(_, kg)| kg);
-        assumed.extend([(told.at_s, before_kg), (told.at_s, now_kg)]);
-    }
-    assumed.push((duration_s, assumed.last().map_or(0.0, |&(_, kg)| kg)));
-    let carried = [
+/// What was found: when, s, the mass and its standard error, and the true mass then, kg.
+fn found(told: &[Told], mass_kg: f64) -> Vec<(f64, f64, f64, f64)> {
+    let of = |told: &Told| match told.news {
+        LoadNews::Found(found) => Some((
+            told.at_s,
+            f64::from(found.mass_kg),
+            f64::from(found.standard_error_kg),
+            carried_kg(told.at_s, mass_kg),
+        )),
+        _ => None,
+    };
+    told.iter().filter_map(of).collect()
+}
+
+/// The mass carried over the movement, as a line.
+fn carried_course(mass_kg: f64, duration_s: f64) -> Vec<(f64, f64)> {
+    vec![
         (0.0, 0.0),
         (PICKED_AT_S, 0.0),
         (PICKED_AT_S, mass_kg),
         (DROPPED_AT_S, mass_kg),
         (DROPPED_AT_S, 0.0),
         (duration_s, 0.0),
-    ];
-    let mut svg = String::new();
-    {
-        let area = SVGBackend::with_string(&mut svg, (1000, 800)).into_drawing_area();
-        area.fill(&WHITE)?;
-        let area = area.titled("A load picked up and dropped mid-motion", ("sans-serif", 22))?;
-        let panels = area.split_evenly((3, 1));
-        let mut chart = ChartBuilder::on(&panels[0])
-            .caption("mass carried (grey) and assumed by computed torque (blue)", ("sans-serif", 16))
-            .margin(10)
-            .x_label_area_size(34)
-            .y_label_area_size(50)
-            .build_cartesian_2d(0.0..duration_s, -0.1..load::MAXIMUM_KG)?;
-        chart.configure_mesh().light_line_style(WHITE).x_desc("time, s").y_desc("kg").draw()?;
-        chart.draw_series(LineSeries::new(carried, BLACK.mix(0.4).stroke_width(4)))?;
-        chart.draw_series(LineSeries::new(assumed, BLUE.stroke_width(2)))?;
-        for (joint, panel) in panels[1..].iter().enumerate() {
-            let (without, with) = (&unaware.error_counts[joint], &aware.error_counts[joint]);
-            let largest = without.iter().chain(with).fold(2.0, |largest: f64, error| largest.max(error.abs())) * 1.15;
-            let name = &robot.joints[joint].name;
-            let mut chart = ChartBuilder::on(panel)
-                .caption(
-                    format!("tracking error of joint {name}: knows of no load (red), identifies it (blue)"),
-                    ("sans-serif", 16),
-                )
-                .margin(10)
-                .x_label_area_size(34)
-                .y_label_area_size(50)
-                .build_cartesian_2d(0.0..duration_s, -largest..largest)?;
-            chart.configure_mesh().light_line_style(WHITE).x_desc("time, s").y_desc("counts").draw()?;
-            for (errors, colour) in [(without, RED), (with, BLUE)] {
-                chart.draw_series(LineSeries::new(drawing::staircase(errors, period_s), colour.stroke_width(1)))?;
-            }
-        }
-        area.present()?;
-    }
-    Ok(svg)
+    ]
+}
+
+/// The tracking errors without and with the identification, one picture a joint.
+fn errors(robot: &Robot, unaware: &Recording, aware: &Recording) -> Vec<Picture> {
+    let of_joint = |(index, joint): (usize, &armid::robot::Joint)| {
+        let lines = [(unaware, "knows of no load", Ink::Simulated), (aware, "identifies it", Ink::Measured)];
+        let lines = lines.map(|(recording, name, ink)| {
+            Line::new(name, ink, thinned(staircase(&recording.error_counts[index], robot.record_period_s)))
+        });
+        let title = format!("tracking error of joint {}: knows of no load (orange), identifies it (blue)", joint.name);
+        Picture::lines(title, ["time, s", "counts"], lines.to_vec()).symmetric(2.0)
+    };
+    robot.joints.iter().enumerate().map(of_joint).collect()
 }
