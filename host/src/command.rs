@@ -4,17 +4,20 @@ mod bench;
 mod calibrate;
 mod common;
 mod compare;
+mod completions;
 mod demo;
 mod drawing;
 mod error;
 mod excite;
 mod explain;
+mod export;
 #[cfg(feature = "flash")]
 mod flash;
 mod identify;
 mod info;
 mod interrupt;
 mod load;
+mod man;
 mod monitor;
 mod own_model;
 mod progress;
@@ -73,6 +76,8 @@ enum Command {
     Ranges(ranges::Ranges),
     /// Find what a model lacks: name the effect, add it, show the gap shrink.
     Explain(explain::Explain),
+    /// Write a recording as MCAP or CSV in SI units, or a model as URDF or JSON.
+    Export(export::Export),
     /// Put a model onto the board, in two phases with read-back.
     Upload(upload::Upload),
     /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
@@ -83,6 +88,10 @@ enum Command {
     Bench(bench::Bench),
     /// Make recordings of a given or drawn robot with the simulated board.
     Simulate(simulate::Simulate),
+    /// Write what completes commands and options in a shell.
+    Completions(completions::Completions),
+    /// Write manual pages, or tables of every option.
+    Man(man::Manual),
 }
 
 /// Carries out what the command line asks for.
@@ -101,9 +110,12 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Excite(command) => command.run(),
         Command::Ranges(command) => command.run(),
         Command::Explain(command) => command.run(),
+        Command::Export(command) => command.run(),
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Load(command) => command.run(),
         Command::Simulate(command) => command.run(),
+        Command::Completions(command) => command.run(),
+        Command::Man(command) => command.run(),
     }
 }

@@ -8,6 +8,7 @@
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot, hidden_effect                what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! export                                     recordings and models in the formats of other programs
 //! margins                                    how far computed torque is from instability on a model's arm
 //! searchers                                  ways to search a box, beside the genetic algorithm
 //! tracking                                   computed torque around a simulated arm, seen exactly
@@ -29,6 +30,7 @@ pub mod effects;
 pub mod excite;
 pub mod explain;
 pub mod explain_benchmark;
+pub mod export;
 pub mod file_error;
 pub mod firmware_image;
 pub mod hidden_effect;

@@ -220,6 +220,11 @@ impl Robot {
         file::write(self, path)
     }
 
+    /// The robot file's text, every key of it.
+    pub fn to_toml(&self) -> String {
+        file::to_toml(self)
+    }
+
     /// The paper's PUMA 560, links 2 and 3, with the default loop's gains.
     pub fn paper() -> Self {
         let joint = |index, name: &str, gear_ratio, counts_per_rev, viscous, coulomb| Joint {

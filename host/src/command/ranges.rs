@@ -38,14 +38,7 @@ impl Ranges {
             return if self.json { print_json(&json!({"search": table(&ranges)})) } else { print(text(&ranges)) };
         };
         let model = read_model(path, &robot)?;
-        // Without standard errors every f counts by its own size.
-        let deviation = |index: usize| match model.f_standard_error {
-            Some(errors) if errors[index] > 0.0 && errors[index].is_finite() => errors[index],
-            _ => 0.01 * model.f[index].abs().max(0.1),
-        };
-        let information =
-            DMatrix::from_fn(PARAMETERS, PARAMETERS, |i, j| if i == j { deviation(i).powi(-2) } else { 0.0 });
-        let verdict = Verdict::of(&bounds, &model.f, &information);
+        let verdict = Verdict::of(&bounds, &model.f, &armid::links::information(&model));
         if self.json { print_json(&verdict.to_json()) } else { print(verdict.text()) }
     }
 }

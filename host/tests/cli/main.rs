@@ -3,7 +3,9 @@
 mod bad_input;
 mod bench;
 mod board;
+mod documentation;
 mod effects;
+mod export;
 mod load;
 mod tracking;
 
@@ -20,7 +22,8 @@ fn help_documents_the_exit_codes() {
     let codes =
         ["0  done", "1  failed", "2  wrong usage", "3  bad input file", "4  board unreachable", "5  refused as unsafe"];
     assert!(codes.iter().all(|code| help.contains(code)), "{help}");
-    for command in ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "load", "simulate"]
+    for command in
+        ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "load", "simulate", "export"]
     {
         assert!(help.contains(command));
         bench.done(&format!("{command} --help"));
