@@ -6,6 +6,7 @@ mod common;
 mod compare;
 mod completions;
 mod demo;
+mod doctor;
 mod drawing;
 mod error;
 mod excite;
@@ -58,6 +59,8 @@ enum Command {
     /// Write the firmware to the board through its debug probe, and verify it.
     #[cfg(feature = "flash")]
     Flash(flash::Flash),
+    /// Check what on this computer is in the way of using a board, and say what to do about it.
+    Doctor(doctor::Doctor),
     /// Show who the board is, what it is doing, and its counters.
     Info(info::Info),
     /// Watch the errors and currents of both joints.
@@ -100,6 +103,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Demo(command) => command.run(),
         #[cfg(feature = "flash")]
         Command::Flash(command) => command.run(),
+        Command::Doctor(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Monitor(command) => command.run(),
         Command::Record(command) => command.run(),

@@ -8,6 +8,7 @@
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot, hidden_effect                what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! doctor                                     what on this computer is in the way of using a board
 //! export                                     recordings and models in the formats of other programs
 //! margins                                    how far computed torque is from instability on a model's arm
 //! searchers                                  ways to search a box, beside the genetic algorithm
@@ -25,6 +26,7 @@ pub mod capture;
 pub mod client;
 pub mod compensation;
 mod convex;
+pub mod doctor;
 mod edit_distance;
 pub mod effects;
 pub mod excite;

@@ -272,15 +272,10 @@ fn urdf_frames_are_those_of_f() {
     let arm = Arm { f: model.f, gravity_m_s2: robot.gravity_m_s2 };
     for q in [[0.3, -0.4], [-1.2, 0.9], [2.0, 2.5]] {
         let expected = arm.gravity_torque_nm(&Pose::at(q));
-        for joint in 0..2 {
-            let step =
-                |sign: f64| potential_j(std::array::from_fn(|at| q[at] + if at == joint { sign * 1e-5 } else { 0.0 }));
-            let torque = (step(1.0) - step(-1.0)) / 2e-5;
-            assert!(
-                (torque - expected[joint]).abs() < 1e-3,
-                "at {q:?}, joint {joint}: {torque}, not {}",
-                expected[joint]
-            );
+        for (joint, expected) in expected.into_iter().enumerate() {
+            let moved = |by: f64| std::array::from_fn(|at| q[at] + if at == joint { by } else { 0.0 });
+            let torque = (potential_j(moved(1e-5)) - potential_j(moved(-1e-5))) / 2e-5;
+            assert!((torque - expected).abs() < 1e-3, "at {q:?}, joint {joint}: {torque}, not {expected}");
         }
     }
 }

@@ -7,7 +7,9 @@ use armid::explain::{Explanation, Options, explain};
 use armid::model::Model;
 use clap::Args;
 
-use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::common::{
+    RobotArguments, advise, cache_folder, check_outputs, print, print_json, read_recordings, with_sidecars,
+};
 use super::{CommandError, progress};
 
 /// Arguments of `explain`.
@@ -75,10 +77,7 @@ impl Explain {
         let options = Options {
             seed: self.seed,
             design_next: self.next.is_some(),
-            kept_thresholds: match &self.cache {
-                Some(folder) => (!folder.is_empty()).then(|| PathBuf::from(folder)),
-                None => dirs::cache_dir().map(|caches| caches.join("armid")),
-            },
+            kept_thresholds: cache_folder(self.cache.as_deref()),
         };
         let explanation = explain(&robot, &recordings, &check, model.as_ref(), &options, &|stage| {
             bar.set_message(stage);

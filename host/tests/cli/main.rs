@@ -3,6 +3,7 @@
 mod bad_input;
 mod bench;
 mod board;
+mod doctor;
 mod documentation;
 mod effects;
 mod export;
