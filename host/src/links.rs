@@ -202,8 +202,13 @@ impl ArmBounds {
             }
             reach = reach.map(|reach| REFINEMENT * reach);
         }
-        let violations = self.excesses(&best.1).into_iter().filter(|(_, excess)| *excess > ROUNDING_SHARE);
-        (best.1, violations.map(|(violation, _)| violation).collect())
+        (best.1, self.violations(&best.1))
+    }
+
+    /// The bounds that `links` break, by more than rounding.
+    pub fn violations(&self, links: &[Link; 2]) -> Vec<Violation> {
+        let broken = self.excesses(links).into_iter().filter(|(_, excess)| *excess > ROUNDING_SHARE);
+        broken.map(|(violation, _)| violation).collect()
     }
 
     /// The links of these masses (upper arm, forearm) that give `f`.

@@ -5,7 +5,7 @@ mod file;
 
 use std::path::Path;
 
-use shared::arm::{PUMA_UPPER_ARM_M, SEARCH_HIGH, SEARCH_LOW};
+use shared::arm::{PARAMETERS, PUMA_UPPER_ARM_M, REFERENCE_F, SEARCH_HIGH, SEARCH_LOW};
 use shared::control::{ComputedTorqueSettings, GainError, PositionLoop, SampledLoop};
 use shared::drive::Drive;
 use shared::trajectory::MotionLimits;
@@ -35,6 +35,12 @@ pub struct Robot {
     /// The most counts the reference of either joint may move in one record period, if the file gives it; otherwise
     /// what the speed limits allow.
     pub counts_per_tick_limit: Option<f64>,
+    /// Length a3 of the upper arm in m, from joint to joint: what ties f3 and f4 to f5 and f6, and what a load at the
+    /// tool adds to f. The paper's where the file gives none.
+    pub upper_arm_m: f64,
+    /// Tracking error in counts at which the board stops the arm, if the file gives it; otherwise
+    /// [`DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS`].
+    pub following_error_limit_counts: Option<f64>,
     /// References and errors are whole counts after `fix()`.
     pub quantised: bool,
     /// `cur` is the controller's output of the same tick, not a measurement of the tick before.
@@ -134,6 +140,10 @@ impl JointLimits {
         }
     }
 }
+
+/// Tracking error that is a fault where the file gives none, in counts: six times what the default loop shows on the
+/// paper's movement.
+pub const DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS: f64 = 1000.0;
 
 /// Current at full scale of both converters where the file gives none: a ±15 A sensor around the ±12 A amplifier.
 pub(crate) const DEFAULT_FULL_SCALE_A: f64 = 15.0;
@@ -248,6 +258,8 @@ impl Robot {
             loop_period_s: 0.0007,
             command_delay_s: 0.00003,
             counts_per_tick_limit: None,
+            upper_arm_m: PUMA_UPPER_ARM_M,
+            following_error_limit_counts: None,
             quantised: true,
             current_is_command: false,
             joints: vec![joint(0, "2", 107.8, 800.0, 0.817e-3, 0.124), joint(1, "3", -53.7, 1000.0, 1.38e-3, 0.146)],
@@ -256,9 +268,11 @@ impl Robot {
         }
     }
 
-    /// Length of the upper arm in m: ties f3 and f4 to f5 and f6.
-    pub fn upper_arm_m(&self) -> f64 {
-        PUMA_UPPER_ARM_M
+    /// The f to expect before an identification: the reference robot's, or, where that is outside the search ranges, their
+    /// middle.
+    pub fn expected_f(&self) -> [f64; PARAMETERS] {
+        let inside = self.search.iter().zip(REFERENCE_F).all(|(&[low, high], f)| (low..=high).contains(&f));
+        if inside { REFERENCE_F } else { self.search.map(|[low, high]| 0.5 * (low + high)) }
     }
 
     /// How many ticks of the loop fall into one record period.
@@ -269,12 +283,17 @@ impl Robot {
     /// What bounds the gain of joint `index`, or nothing where the law is not the position loop or the viscous
     /// friction is not known.
     ///
-    /// The least inertia is taken from the search range: the arm has not been identified yet.
+    /// The least inertia is taken from the search range, for the arm has not been identified yet; but never more than half
+    /// of what the expected arm feels at the joint while the other is free, which is little on an arm without gears.
     pub fn sampled_loop(&self, index: usize) -> Option<SampledLoop> {
         let joint = self.joints.get(index)?;
         let Law::Proportional(position_loop) = joint.law else { return None };
         // With the other joint free, joint 2 feels at least f7 less twice the coupling, about half of f7 on any PUMA.
-        let least_joint_inertia = if index == 0 { 0.5 * self.search[6][0] } else { self.search[0][0] };
+        let of_range = if index == 0 { 0.5 * self.search[6][0] } else { self.search[0][0] };
+        let least_joint_inertia = match self.kind {
+            Kind::TwoLink => of_range.min(0.5 * least_free_inertia_kg_m2(&self.expected_f(), index)),
+            Kind::SingleAxis => of_range,
+        };
         Some(SampledLoop {
             period_s: self.loop_period_s,
             command_delay_s: self.command_delay_s,
@@ -340,6 +359,22 @@ impl Robot {
                 limit > 0.0,
                 "a finite number above 0",
                 "leave it out for what the speed limits allow",
+            )?;
+        }
+        all(
+            "upper_arm_m",
+            self.upper_arm_m,
+            (1e-3..=100.0).contains(&self.upper_arm_m),
+            "0.001 to 100 m",
+            "give the distance of the two joints in m",
+        )?;
+        if let Some(limit) = self.following_error_limit_counts {
+            all(
+                "following_error_limit_counts",
+                limit,
+                limit >= 1.0,
+                "a finite number, 1 or above",
+                "give it in counts at the motor, or leave it out for 1000",
             )?;
         }
         self.check_joint_names()?;
@@ -477,6 +512,20 @@ impl Joint {
             remedy,
         )
     }
+}
+
+/// The least inertia that joint `index` of an arm with this f feels while the other is free, over all angles, in kg m².
+///
+/// D11 − D12²/D22 and D22 − D12²/D11 change with q3 through k = f3 c3 − f4 s3 alone, and both are concave in k: each is
+/// least at an end of k's range ±√(f3² + f4²).
+fn least_free_inertia_kg_m2(f: &[f64; PARAMETERS], index: usize) -> f64 {
+    let [f1, f2, f3, f4, _, _, f7, ..] = *f;
+    let most = f3.hypot(f4);
+    let at = |coupling: f64| {
+        let (d11, d12, d22) = (f7 + 2.0 * coupling, f2 + coupling, f1);
+        if index == 0 { d11 - d12 * d12 / d22 } else { d22 - d12 * d12 / d11 }
+    };
+    at(most).min(at(-most)).max(0.0)
 }
 
 /// The paper's search range of f1..f9.

@@ -296,7 +296,7 @@ fn what_no_bodies_give_becomes_the_nearest_that_some_give() {
     let urdf = urdf_rs::read_from_string(&text).unwrap();
     assert_real_arm(&urdf);
     let f = f_of(&urdf, &text);
-    let a3 = robot.upper_arm_m();
+    let a3 = robot.upper_arm_m;
     assert!((f[2] - a3 * f[4]).abs() < 1e-9 && (f[3] - a3 * f[5]).abs() < 1e-9);
     // The ties are two linear equations; the nearest f in the metric of equal errors follows from them by hand: a tie broken
     // by b is mended by moving f3 (f4) by b / (1 + a3²) and f5 (f6) by a3 times as much.
@@ -307,6 +307,21 @@ fn what_no_bodies_give_becomes_the_nearest_that_some_give() {
         assert!((f[tie] - (model.f[tie] + a3 * share)).abs() < 1e-5, "tie {index}: {f:?}");
     }
     assert!(text.contains("standard errors away"), "{text}");
+}
+
+/// No arm has an f2 below what its f5 and f6 need: the upper arm's own f7 leaves no room for a heavier forearm.
+#[test]
+fn an_impossible_f_becomes_the_nearest_possible_one() {
+    let (robot, mut model) = (Robot::paper(), untied());
+    model.f = [1.647, 0.05, -0.011, -0.958, -0.025, -2.219, 5.609, -0.104, 4.875];
+    // Even of the greatest mass that f7 allows, (f7 − f2) / a3², the centre needs more than this f2.
+    let a3 = robot.upper_arm_m;
+    assert!(model.f[5].powi(2) > model.f[1] * (model.f[6] - model.f[1]) / (a3 * a3));
+    let text = model_urdf(&model, &robot, None).unwrap();
+    let urdf = urdf_rs::read_from_string(&text).unwrap();
+    assert_real_arm(&urdf);
+    let f = f_of(&urdf, &text);
+    assert!(f[1] > model.f[1] && f[5].powi(2) <= f[1] * (f[6] - f[1]) / (a3 * a3) * (1.0 + 1e-6), "{f:?}");
 }
 
 #[test]
@@ -320,7 +335,7 @@ fn bodies_keep_to_given_bounds() {
         motor_inertia_kg_m2: [1e-4, 6e-4],
     };
     let bounds = ArmBounds {
-        upper_arm_m: robot.upper_arm_m(),
+        upper_arm_m: robot.upper_arm_m,
         links: [link([8.0, 12.0], [0.05, 2.0]), link([6.0, 7.0], [0.05, 2.0])],
         gear_ratios: [107.8, -53.7],
     };

@@ -3,6 +3,7 @@
 //! f leaves them open: seven numbers of a planar arm do not make ten. What is open is chosen here by stated rules, so that
 //! the links are some that real matter could have, and f comes back from them.
 
+use nalgebra::{DMatrix, DVector};
 use shared::arm::PARAMETERS;
 
 use crate::links::{ArmBounds, Link, LinkBounds, Violation, information, nearest};
@@ -62,29 +63,54 @@ pub fn bodies(model: &Model, robot: &Robot, bounds: Option<&ArmBounds>) -> Resul
         return Err(BodiesError::SingleAxis);
     }
     let within = bounds.copied().unwrap_or_else(|| anything_real(model, robot));
-    let found = nearest(&within, &model.f, &information(model)).ok_or(BodiesError::NoLinks)?;
-    let links = match bounds {
-        Some(bounds) => {
-            let (links, violations) = bounds.links_of(&found.f);
-            if let Some(violation) = violations.into_iter().next() {
-                return Err(BodiesError::Outside(violation));
-            }
-            links
+    let information = information(model);
+    let links_with = |f: &[f64; PARAMETERS]| match bounds {
+        Some(bounds) => bounds.links_of(f),
+        None => {
+            let links = rod_like(f, &within);
+            let violations = within.violations(&links);
+            (links, violations)
         }
-        None => rod_like(&found.f, &within),
     };
+    // Most often the ties of f3 and f4 are all that is broken, and what mends them is exact; a solver is not.
+    let tied = tied(&model.f, within.upper_arm_m, &information);
+    let (mut links, violations) = links_with(&tied);
+    if !violations.is_empty() {
+        let found = nearest(&within, &model.f, &information).ok_or(BodiesError::NoLinks)?;
+        let (nearest_links, violations) = links_with(&found.f);
+        if let Some(violation) = violations.into_iter().next() {
+            return Err(BodiesError::Outside(violation));
+        }
+        links = nearest_links;
+    }
     for (index, link) in links.iter().enumerate() {
         let inertia_kg_m2 = link.inertia_kg_m2;
         if !(inertia_kg_m2 > 0.0 && inertia_kg_m2.is_finite()) {
             return Err(BodiesError::NoInertia { link: index + 2, inertia_kg_m2 });
         }
     }
-    Ok(Bodies { links, f: within.f(&links), distance: found.distance, bounded: bounds.is_some() })
+    let f = within.f(&links);
+    let off = DVector::from_iterator(PARAMETERS, f.iter().zip(model.f).map(|(found, given)| found - given));
+    let distance = off.dot(&(&information * &off)).max(0.0).sqrt();
+    Ok(Bodies { links, f, distance, bounded: bounds.is_some() })
+}
+
+/// The f nearest to `f` in the metric of the diagonal of `information` that keeps f3 = a3 f5 and f4 = a3 f6.
+fn tied(f: &[f64; PARAMETERS], upper_arm_m: f64, information: &DMatrix<f64>) -> [f64; PARAMETERS] {
+    let mut tied = *f;
+    for (coupling, moment) in [(2, 4), (3, 5)] {
+        let variance = |index: usize| 1.0 / information[(index, index)];
+        let broken = f[coupling] - upper_arm_m * f[moment];
+        let share = broken / (variance(coupling) + upper_arm_m * upper_arm_m * variance(moment));
+        tied[moment] += share * upper_arm_m * variance(moment);
+        tied[coupling] = upper_arm_m * tied[moment];
+    }
+    tied
 }
 
 /// Bounds that hardly bound, around the size of the arm: positive masses and inertias.
 fn anything_real(model: &Model, robot: &Robot) -> ArmBounds {
-    let upper_arm_m = robot.upper_arm_m();
+    let upper_arm_m = robot.upper_arm_m;
     let mass_kg = model.f[6] / (upper_arm_m * upper_arm_m);
     let reach = [-5.0 * upper_arm_m, 5.0 * upper_arm_m];
     let gear_ratios: [f64; 2] =

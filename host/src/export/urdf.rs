@@ -30,7 +30,7 @@ fn two_links(model: &Model, robot: &Robot, bodies: &Bodies) -> String {
     text.push_str("  <link name=\"base\"/>\n");
     let parents = ["base".to_string(), link_name(&robot.joints[0])];
     let origins =
-        [format!("xyz=\"0 0 0\" rpy=\"{:?} 0 0\"", -FRAC_PI_2), format!("xyz=\"{:?} 0 0\"", robot.upper_arm_m())];
+        [format!("xyz=\"0 0 0\" rpy=\"{:?} 0 0\"", -FRAC_PI_2), format!("xyz=\"{:?} 0 0\"", robot.upper_arm_m)];
     for (index, joint) in robot.joints.iter().enumerate().take(2) {
         let link = &bodies.links[index];
         body(&mut text, &link_name(joint), link.mass_kg, link.centre_m, link.inertia_kg_m2);
@@ -46,7 +46,7 @@ fn two_link_notes(model: &Model, robot: &Robot, bodies: &Bodies) -> Vec<String> 
     if bodies.distance > 1e-3 {
         notes.push(format!(
             "No bodies on an upper arm of {} m give exactly the model's f; these give the nearest, {:.2} standard errors away:",
-            robot.upper_arm_m(),
+            robot.upper_arm_m,
             bodies.distance
         ));
     } else {

@@ -253,7 +253,7 @@ fn pick(robot: &Robot, seed: u64, mass_kg: f64, at_s: f64) -> Result<Pick, Comma
 /// The rival: one unknown, updated row by row. The arm is taken to move as its reference, which it does within a few counts.
 fn recursive_least_squares(robot: &Robot, model: &Model, trajectory: &Trajectory, rows: &[Sample]) -> f64 {
     let arm = model.arm(robot);
-    let per_kg = Arm { f: load::held(1.0).delta_f(robot.upper_arm_m()), ..arm };
+    let per_kg = Arm { f: load::held(1.0).delta_f(robot.upper_arm_m), ..arm };
     let (mut mass_kg, mut variance) = (0.5 * load::MAXIMUM_KG, 1.0e3);
     let mut previous_code: Option<[u16; 2]> = None;
     for sample in rows {
