@@ -6,7 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 use shared::arm::PARAMETERS;
 
-use crate::links::{ArmBounds, Link, LinkBounds, Violation, information, nearest};
+use crate::links::{ArmBounds, Link, LinkBounds, information, nearest};
 use crate::model::Model;
 use crate::robot::{Kind, Robot};
 
@@ -41,9 +41,6 @@ pub enum BodiesError {
     /// The bounds contradict each other.
     #[error("no links keep to all the bounds; widen them (`armid ranges BOUNDS --check MODEL` shows which bind)")]
     NoLinks,
-    /// Links within the bounds were not found although some give this f nearly.
-    #[error("{0}; widen the bounds")]
-    Outside(Violation),
     /// A link would have no extent.
     #[error(
         "the inertia of link {link} about its centre would be {inertia_kg_m2} kg m², but must be above 0; give its \
@@ -76,12 +73,7 @@ pub fn bodies(model: &Model, robot: &Robot, bounds: Option<&ArmBounds>) -> Resul
     let tied = tied(&model.f, within.upper_arm_m, &information);
     let (mut links, violations) = links_with(&tied);
     if !violations.is_empty() {
-        let found = nearest(&within, &model.f, &information).ok_or(BodiesError::NoLinks)?;
-        let (nearest_links, violations) = links_with(&found.f);
-        if let Some(violation) = violations.into_iter().next() {
-            return Err(BodiesError::Outside(violation));
-        }
-        links = nearest_links;
+        links = nearest(&within, &model.f, &information).ok_or(BodiesError::NoLinks)?.links;
     }
     for (index, link) in links.iter().enumerate() {
         let inertia_kg_m2 = link.inertia_kg_m2;
