@@ -20,6 +20,7 @@ mod interrupt;
 mod load;
 mod man;
 mod monitor;
+mod new_robot;
 mod own_model;
 mod progress;
 mod ranges;
@@ -61,6 +62,8 @@ enum Command {
     Flash(flash::Flash),
     /// Check what on this computer is in the way of using a board, and say what to do about it.
     Doctor(doctor::Doctor),
+    /// Write a robot file from questions and answers, or an example of one.
+    NewRobot(new_robot::NewRobot),
     /// Show who the board is, what it is doing, and its counters.
     Info(info::Info),
     /// Watch the errors and currents of both joints.
@@ -104,6 +107,7 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         #[cfg(feature = "flash")]
         Command::Flash(command) => command.run(),
         Command::Doctor(command) => command.run(),
+        Command::NewRobot(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Monitor(command) => command.run(),
         Command::Record(command) => command.run(),

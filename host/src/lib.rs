@@ -8,6 +8,7 @@
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot, hidden_effect                what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! new_robot                                  a robot file from questions and answers
 //! doctor                                     what on this computer is in the way of using a board
 //! export                                     recordings and models in the formats of other programs
 //! margins                                    how far computed torque is from instability on a model's arm
@@ -45,6 +46,7 @@ pub mod links;
 pub mod load;
 pub mod margins;
 pub mod model;
+pub mod new_robot;
 pub mod prior;
 pub mod random;
 pub mod recording;

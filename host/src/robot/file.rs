@@ -351,7 +351,8 @@ pub(super) fn read_for_motion(path: &Path) -> Result<Robot, FileError> {
     let text = TomlText::read(path)?;
     let (robot, places) = parse(&text)?;
     for (index, joint) in robot.joints.iter().enumerate() {
-        if joint.viscous_friction_nm_s_per_rad.is_none() {
+        // No board drives a single axis: that is told where the board is asked, and no friction would help.
+        if robot.kind == Kind::TwoLink && joint.viscous_friction_nm_s_per_rad.is_none() {
             return Err(text.error(
                 places.0.get(&(Some(index), "name")).copied(),
                 Problem::Missing { field: format!("viscous_friction_nm_s_per_rad of joint \"{}\"", joint.name) },

@@ -8,6 +8,7 @@ mod documentation;
 mod effects;
 mod export;
 mod load;
+mod robots;
 mod tracking;
 
 use std::path::Path;
@@ -115,7 +116,9 @@ fn a_real_axis_is_identified() {
         return;
     }
     let bench = Bench::new();
-    let found = bench.json(&format!("identify --robot {0}/robot.toml {0}/identification.csv", folder.display()));
+    // With the example that the tool brings along.
+    bench.done("new-robot --example emps --out emps.toml");
+    let found = bench.json(&format!("identify --robot emps.toml {}/identification.csv", folder.display()));
     let near = |found: &Value, published: f64| {
         let found = found.as_f64().unwrap();
         assert!((found / published - 1.0).abs() < 0.03, "{found} for {published}");
