@@ -127,3 +127,37 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Man(command) => command.run(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::{Command, CommandFactory as _};
+
+    use super::*;
+
+    fn all(command: &Command) -> Vec<&Command> {
+        std::iter::once(command).chain(command.get_subcommands().flat_map(all)).collect()
+    }
+
+    /// Every command shows how it is used, and what it shows is accepted by the parser.
+    #[test]
+    fn examples_in_help_are_command_lines() {
+        let mut armid = Arguments::command();
+        armid.build();
+        for command in all(&armid) {
+            // The program itself, and what clap adds.
+            if command.get_name() == "armid" || command.get_bin_name().is_some_and(|name| name.contains("help")) {
+                continue;
+            }
+            let help = command.get_after_long_help().or(command.get_after_help()).map(ToString::to_string);
+            let help = help.unwrap_or_default();
+            let examples: Vec<&str> = help.lines().filter(|line| line.starts_with("  armid ")).collect();
+            assert!(!examples.is_empty(), "{:?} has no example", command.get_bin_name());
+            for example in examples {
+                // A remark stands behind two spaces, and what comes after > is the shell's.
+                let line = example.trim().split("  ").next().unwrap_or_default().split(" >").next().unwrap_or_default();
+                let parsed = Arguments::try_parse_from(line.split_whitespace());
+                assert!(parsed.is_ok(), "{line}: {}", parsed.err().map(|error| error.to_string()).unwrap_or_default());
+            }
+        }
+    }
+}

@@ -11,8 +11,13 @@ use shared::control::PositionLoop;
 use super::CommandError;
 use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
 
+const EXAMPLES: &str = "Examples:
+  armid calibrate slow.csv fast.csv
+  armid calibrate slow.csv --robot robot.toml --out calibrated.toml";
+
 /// Arguments of `calibrate`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Calibrate {
     /// Recordings made under the position loop
     #[arg(required = true, value_name = "RECORDING")]

@@ -12,8 +12,13 @@ use super::common::{
 };
 use super::{CommandError, progress};
 
+const EXAMPLES: &str = "Examples:
+  armid explain --model model.toml slow.csv fast.csv --check new.csv --report gap.html
+  armid explain slow.csv fast.csv new.csv --out extended.toml --next movement.toml";
+
 /// Arguments of `explain`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Explain {
     /// Recordings to explain, made under the position loop; without --check the last of several is kept back
     #[arg(required = true, value_name = "RECORDING")]

@@ -102,7 +102,12 @@ impl NewRobot {
         let mut missing = Vec::new();
         while let Some(question) = interview.question() {
             if let Some(answer) = given.remove(&question.key) {
-                interview.answer(&answer).map_err(|error| CommandError::Usage(error.to_string()))?;
+                match interview.answer(&answer) {
+                    Ok(()) => {}
+                    // What it is wrong with may be what stands for a missing answer: those are told first.
+                    Err(_) if !missing.is_empty() => interview.pass(),
+                    Err(error) => return Err(CommandError::Usage(error.to_string())),
+                }
             } else if asks {
                 ask(&mut interview, &question)?;
             } else if self.defaults && question.default.is_some() {

@@ -12,8 +12,13 @@ use shared::arm::PARAMETERS;
 use super::CommandError;
 use super::common::{RobotArguments, print, print_json, read_model};
 
+const EXAMPLES: &str = "Examples:
+  armid ranges bounds.toml                          search ranges for the robot file
+  armid ranges bounds.toml --check model.toml";
+
 /// Arguments of `ranges`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Ranges {
     /// Bounds on masses, centres and inertias: upper_arm_m, and in [link2] and [link3] mass_kg, centre_x_m, centre_y_m,
     /// inertia_kg_m2 (about the centre of mass) and motor_inertia_kg_m2, each [LEAST, GREATEST]

@@ -53,7 +53,7 @@ pub(super) fn search(robot: &Robot, links: &[Link; 2]) -> [[f64; 2]; 9] {
 /// A position loop for joint `index` to begin with: damped by friction where that is enough, else by a lead.
 pub(super) fn position_loop(robot: &Robot, index: usize) -> PositionLoop<f64> {
     let without_lead = with_lead(robot, index, 0.0);
-    if without_lead.bandwidth_rad_s >= LEAST_BANDWIDTH_RAD_S {
+    if without_lead.bandwidth_rad_s >= LEAST_BANDWIDTH_RAD_S || robot.sampled_loop(index).is_none() {
         return without_lead.position_loop;
     }
     let lead = (LEAD_S / robot.loop_period_s).min(MOST_LEAD_TICKS).floor().max(1.0);

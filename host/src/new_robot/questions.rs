@@ -294,7 +294,10 @@ fn change(draft: &mut Draft, index: usize, change: impl Fn(&mut Link)) {
 
 fn of_loop(index: usize) -> Vec<Step> {
     let lead = |draft: &Draft, index: usize| shown(proposal::position_loop(&draft.robot, index).lead);
-    let gain = |draft: &Draft, index: usize| shown(proposal::gain_a_per_count(&draft.robot, index));
+    // Where nothing is known of the friction, no gain can be proposed.
+    let gain = |draft: &Draft, index: usize| {
+        Some(proposal::gain_a_per_count(&draft.robot, index)).filter(|gain| *gain > 0.0).and_then(shown)
+    };
     let of = "joint";
     vec![
         Step {

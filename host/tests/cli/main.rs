@@ -8,6 +8,7 @@ mod documentation;
 mod effects;
 mod export;
 mod load;
+mod readme;
 mod robots;
 mod tracking;
 

@@ -36,8 +36,12 @@ const FRICTION_SHARE: f64 = 0.05;
 const PICKED_BETWEEN_S: [f64; 2] = [0.9, 2.2];
 const SETTLE_NS: u64 = 500_000_000;
 
+const EXAMPLES: &str = "Example:
+  armid bench load --picks 200";
+
 /// Arguments of `bench load`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Load {
     /// How many arms, each with a load taken up at rest and another in motion
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=10_000))]

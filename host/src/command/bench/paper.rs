@@ -31,8 +31,12 @@ const PAPER_FINAL_COUNTS2: [f64; 2] = [23e3, 25e3];
 /// Scatter of f1..f9 the paper saw, in per cent.
 const PAPER_SCATTER_PERCENT: [f64; PARAMETERS] = [10.0, 21.0, 80.0, 30.0, 16.0, 14.0, 11.0, 40.0, 3.0];
 
+const EXAMPLES: &str = "Example:
+  armid bench paper --runs 20";
+
 /// Arguments of `bench paper`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Paper {
     /// How many seeds of the paper's algorithm, and how many robots for `full`
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(2..=1000))]
