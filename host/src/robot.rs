@@ -2,15 +2,18 @@
 
 mod computed_torque;
 mod file;
+mod stability;
 
 use std::path::Path;
 
 use shared::arm::{PARAMETERS, PUMA_UPPER_ARM_M, REFERENCE_F, SEARCH_HIGH, SEARCH_LOW};
-use shared::control::{ComputedTorqueSettings, GainError, PositionLoop, SampledLoop};
+use shared::control::{ComputedTorqueSettings, PositionLoop};
 use shared::drive::Drive;
 use shared::trajectory::MotionLimits;
 
 use crate::file_error::FileError;
+
+pub use stability::UnsafeGain;
 
 /// Everything known about a robot beforehand.
 ///
@@ -188,18 +191,6 @@ fn joint_place(joint: &Option<usize>) -> String {
     joint.map(|joint| format!("joint {}: ", joint + 1)).unwrap_or_default()
 }
 
-/// Why a joint's position loop must not move a robot.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("joint {joint}: {source}")]
-pub struct UnsafeGain {
-    /// Name of the joint.
-    pub joint: String,
-    /// Index of the joint.
-    pub index: usize,
-    /// The gain and its limit.
-    pub source: GainError,
-}
-
 /// Gains of the default loop: half the stability limit at 0.7 ms (design §4), A/count.
 const DEFAULT_GAINS_A_PER_COUNT: [f64; 2] = [0.036, 0.048];
 
@@ -278,43 +269,6 @@ impl Robot {
     /// How many ticks of the loop fall into one record period.
     pub fn loop_ticks_per_record(&self) -> usize {
         (self.record_period_s / self.loop_period_s).round() as usize
-    }
-
-    /// What bounds the gain of joint `index`, or nothing where the law is not the position loop or the viscous
-    /// friction is not known.
-    ///
-    /// The least inertia is taken from the search range, for the arm has not been identified yet; but never more than half
-    /// of what the expected arm feels at the joint while the other is free, which is little on an arm without gears.
-    pub fn sampled_loop(&self, index: usize) -> Option<SampledLoop> {
-        let joint = self.joints.get(index)?;
-        let Law::Proportional(position_loop) = joint.law else { return None };
-        // With the other joint free, joint 2 feels at least f7 less twice the coupling, about half of f7 on any PUMA.
-        let of_range = if index == 0 { 0.5 * self.search[6][0] } else { self.search[0][0] };
-        let least_joint_inertia = match self.kind {
-            Kind::TwoLink => of_range.min(0.5 * least_free_inertia_kg_m2(&self.expected_f(), index)),
-            Kind::SingleAxis => of_range,
-        };
-        Some(SampledLoop {
-            period_s: self.loop_period_s,
-            command_delay_s: self.command_delay_s,
-            viscous_friction_nm_s_per_rad: joint.viscous_friction_nm_s_per_rad?,
-            counts_per_rev: joint.counts_per_rev,
-            least_motor_inertia_kg_m2: least_joint_inertia / (joint.gear_ratio * joint.gear_ratio),
-            lead: position_loop.lead,
-        })
-    }
-
-    /// Accepts the robot's gains for motion only below each joint's stability limit.
-    pub fn check_gains(&self) -> Result<(), UnsafeGain> {
-        for (index, joint) in self.joints.iter().enumerate() {
-            let (Law::Proportional(position_loop), Some(sampled)) = (joint.law, self.sampled_loop(index)) else {
-                continue;
-            };
-            sampled
-                .check_gain(position_loop.gain_a_per_count * joint.torque_constant_nm_per_a)
-                .map_err(|source| UnsafeGain { joint: joint.name.clone(), index, source })?;
-        }
-        Ok(())
     }
 
     /// Accepts the robot only if every value is one a robot can have.
@@ -512,20 +466,6 @@ impl Joint {
             remedy,
         )
     }
-}
-
-/// The least inertia that joint `index` of an arm with this f feels while the other is free, over all angles, in kg m².
-///
-/// D11 − D12²/D22 and D22 − D12²/D11 change with q3 through k = f3 c3 − f4 s3 alone, and both are concave in k: each is
-/// least at an end of k's range ±√(f3² + f4²).
-fn least_free_inertia_kg_m2(f: &[f64; PARAMETERS], index: usize) -> f64 {
-    let [f1, f2, f3, f4, _, _, f7, ..] = *f;
-    let most = f3.hypot(f4);
-    let at = |coupling: f64| {
-        let (d11, d12, d22) = (f7 + 2.0 * coupling, f2 + coupling, f1);
-        if index == 0 { d11 - d12 * d12 / d22 } else { d22 - d12 * d12 / d11 }
-    };
-    at(most).min(at(-most)).max(0.0)
 }
 
 /// The paper's search range of f1..f9.
