@@ -7,10 +7,8 @@ use shared::protocol::{
 use shared::trajectory::MotionLimits;
 
 use crate::effects::EffectError;
-use crate::robot::{Joint, Kind, Law, Robot, UnsafeGain};
+use crate::robot::{DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS, Joint, Kind, Law, Robot, UnsafeGain};
 
-/// Tracking error that is a fault, in counts: six times what the default loop shows on the paper's movement.
-const FOLLOWING_ERROR_LIMIT_COUNTS: f64 = 1000.0;
 /// Joint speed that is a fault, as a multiple of the speed a movement may have.
 const SPEED_MARGIN: f64 = 1.5;
 /// Measured current that is a fault, as a share of the sensor's full scale: beyond it the sensor says nothing.
@@ -113,7 +111,9 @@ fn joint_constants(robot: &Robot, index: usize, joint: &Joint) -> Result<JointCo
         viscous_friction_nm_s_per_rad,
         coulomb_friction_nm: joint.coulomb_friction_nm.unwrap_or(0.0),
         least_motor_inertia_kg_m2,
-        following_error_limit_counts: FOLLOWING_ERROR_LIMIT_COUNTS,
+        following_error_limit_counts: robot
+            .following_error_limit_counts
+            .unwrap_or(DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS),
         speed_limit_rad_s: SPEED_MARGIN * joint.limits.speed_rad_s,
         over_current_limit_a: OVER_CURRENT_SHARE * joint.current_full_scale_a,
         current_scale: CurrentScale::symmetric(joint.current_full_scale_a),

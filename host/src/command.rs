@@ -4,17 +4,22 @@ mod bench;
 mod calibrate;
 mod common;
 mod compare;
+mod completions;
 mod demo;
+mod doctor;
 mod error;
 mod excite;
 mod explain;
+mod export;
 #[cfg(feature = "flash")]
 mod flash;
 mod identify;
 mod info;
 mod interrupt;
 mod load;
+mod man;
 mod monitor;
+mod new_robot;
 mod own_model;
 mod page;
 mod progress;
@@ -56,6 +61,10 @@ enum Command {
     /// Write the firmware to the board through its debug probe, and verify it.
     #[cfg(feature = "flash")]
     Flash(flash::Flash),
+    /// Check what on this computer is in the way of using a board, and say what to do about it.
+    Doctor(doctor::Doctor),
+    /// Write a robot file from questions and answers, or an example of one.
+    NewRobot(new_robot::NewRobot),
     /// Show who the board is, what it is doing, and its counters.
     Info(info::Info),
     /// Watch the errors and currents of both joints.
@@ -74,6 +83,8 @@ enum Command {
     Ranges(ranges::Ranges),
     /// Find what a model lacks: name the effect, add it, show the gap shrink.
     Explain(explain::Explain),
+    /// Write a recording as MCAP or CSV in SI units, or a model as URDF or JSON.
+    Export(export::Export),
     /// Put a model onto the board, in two phases with read-back.
     Upload(upload::Upload),
     /// Run a movement under the position loop and under computed torque, and compare the tracking errors.
@@ -86,6 +97,10 @@ enum Command {
     Report(report::Report),
     /// Make recordings of a given or drawn robot with the simulated board.
     Simulate(simulate::Simulate),
+    /// Write what completes commands and options in a shell.
+    Completions(completions::Completions),
+    /// Write manual pages, or tables of every option.
+    Man(man::Manual),
 }
 
 /// Carries out what the command line asks for.
@@ -94,6 +109,8 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Demo(command) => command.run(),
         #[cfg(feature = "flash")]
         Command::Flash(command) => command.run(),
+        Command::Doctor(command) => command.run(),
+        Command::NewRobot(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Monitor(command) => command.run(),
         Command::Record(command) => command.run(),
@@ -104,10 +121,47 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
         Command::Excite(command) => command.run(),
         Command::Ranges(command) => command.run(),
         Command::Explain(command) => command.run(),
+        Command::Export(command) => command.run(),
         Command::Upload(command) => command.run(),
         Command::Track(command) => command.run(),
         Command::Load(command) => command.run(),
         Command::Report(command) => command.run(),
         Command::Simulate(command) => command.run(),
+        Command::Completions(command) => command.run(),
+        Command::Man(command) => command.run(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{Command, CommandFactory as _};
+
+    use super::*;
+
+    fn all(command: &Command) -> Vec<&Command> {
+        std::iter::once(command).chain(command.get_subcommands().flat_map(all)).collect()
+    }
+
+    /// Every command shows how it is used, and what it shows is accepted by the parser.
+    #[test]
+    fn examples_in_help_are_command_lines() {
+        let mut armid = Arguments::command();
+        armid.build();
+        for command in all(&armid) {
+            // The program itself, and what clap adds.
+            if command.get_name() == "armid" || command.get_bin_name().is_some_and(|name| name.contains("help")) {
+                continue;
+            }
+            let help = command.get_after_long_help().or(command.get_after_help()).map(ToString::to_string);
+            let help = help.unwrap_or_default();
+            let examples: Vec<&str> = help.lines().filter(|line| line.starts_with("  armid ")).collect();
+            assert!(!examples.is_empty(), "{:?} has no example", command.get_bin_name());
+            for example in examples {
+                // A remark stands behind two spaces, and what comes after > is the shell's.
+                let line = example.trim().split("  ").next().unwrap_or_default().split(" >").next().unwrap_or_default();
+                let parsed = Arguments::try_parse_from(line.split_whitespace());
+                assert!(parsed.is_ok(), "{line}: {}", parsed.err().map(|error| error.to_string()).unwrap_or_default());
+            }
+        }
     }
 }

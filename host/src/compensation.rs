@@ -143,7 +143,7 @@ mod tests {
         let (robot, model) = model_with("payload:mass_kg=2,x_m=0.1,y_m=-0.5,gyration_m2=0.01");
         let f = board_model(&robot, &model).unwrap().f;
         let inertia = 2.0 * (0.26 + 0.01);
-        let expected = [model.f[0] + inertia, model.f[5] - 1.0, model.f[8] + 2.0 * robot.upper_arm_m()];
+        let expected = [model.f[0] + inertia, model.f[5] - 1.0, model.f[8] + 2.0 * robot.upper_arm_m];
         for (found, expected) in [f[0], f[5], f[8]].into_iter().zip(expected) {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use shared::effects::Effects;
 use shared::effects::catalogue::{self, Entry, LIBRARY, Parameter, Scope};
+use shared::effects::{ArmEffects, Effects};
 
 use crate::edit_distance::nearest;
 use crate::model::Effect;
@@ -115,7 +115,9 @@ pub enum EffectError {
 /// Every effect of `robot` off.
 pub fn off(robot: &Robot) -> Effects<f64> {
     match robot.kind {
-        Kind::TwoLink => Effects::OFF,
+        Kind::TwoLink => {
+            Effects { arm: ArmEffects { upper_arm_m: robot.upper_arm_m, ..Effects::OFF.arm }, ..Effects::OFF }
+        }
         Kind::SingleAxis => Effects::SINGLE_AXIS,
     }
 }

@@ -13,7 +13,6 @@ mod prediction;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
-use shared::arm::REFERENCE_F;
 use shared::board::DEFAULT_SAMPLES;
 use shared::trajectory::{self, LimitError, MAX_HARMONICS, Margins, MotionLimits, Trajectory};
 
@@ -204,15 +203,13 @@ pub fn default_repeats(duration_s: f64) -> u32 {
     ((duration_s / 4.5).ceil() as u32).max(1)
 }
 
-/// The values to design for: the model's, else the reference robot's with the robot file's friction; where the
-/// reference robot is outside the file's search ranges, their middle.
+/// The values to design for: the model's, else those to expect, with the robot file's friction.
 pub fn nominal(robot: &Robot, model: Option<&Model>) -> Values {
     if let Some(model) = model {
         return identified_model::values(robot, model);
     }
     let mut values = Values::of_robot(robot);
-    let inside = robot.search.iter().zip(REFERENCE_F).all(|(&[low, high], f)| (low..=high).contains(&f));
-    values.f = if inside { REFERENCE_F } else { robot.search.map(|[low, high]| 0.5 * (low + high)) };
+    values.f = robot.expected_f();
     values
 }
 

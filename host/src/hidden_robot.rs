@@ -1,6 +1,6 @@
 //! Robots that a simulated board is made of: the truth that identification has to find.
 
-use shared::arm::{Arm, REFERENCE_F};
+use shared::arm::Arm;
 use shared::effects::Effects;
 use shared::plant::Plant;
 
@@ -26,15 +26,15 @@ pub struct HiddenRobot {
 }
 
 impl HiddenRobot {
-    /// A robot drawn around the reference robot: every f within 10 %, with the ties f3 = a3 f5 and f4 = a3 f6 that a
+    /// A robot drawn around the one to expect ([`Robot::expected_f`]): every f within 10 %, with the ties f3 = a3 f5 and f4 = a3 f6 that a
     /// real arm has, and friction within 10 % of the robot file's.
     pub fn draw(robot: &Robot, seed: u64) -> Self {
         let mut random = Random::new(seed, 1);
         loop {
             let mut near = |value: f64| value * random.between(1.0 - SPREAD, 1.0 + SPREAD);
-            let mut f = REFERENCE_F.map(&mut near);
-            f[2] = robot.upper_arm_m() * f[4];
-            f[3] = robot.upper_arm_m() * f[5];
+            let mut f = robot.expected_f().map(&mut near);
+            f[2] = robot.upper_arm_m * f[4];
+            f[3] = robot.upper_arm_m * f[5];
             let known = Self::known_friction(robot);
             let hidden = Self {
                 f,
@@ -130,6 +130,8 @@ impl HiddenRobot {
 
 #[cfg(test)]
 mod tests {
+    use shared::arm::REFERENCE_F;
+
     use super::*;
 
     #[test]
@@ -142,7 +144,7 @@ mod tests {
                 let slack = if index == 2 || index == 3 { 0.03 } else { 0.0 };
                 assert!((value / reference - 1.0).abs() <= SPREAD + slack, "seed {seed}: f{} = {value}", index + 1);
             }
-            assert_eq!(hidden.f[3], robot.upper_arm_m() * hidden.f[5]);
+            assert_eq!(hidden.f[3], robot.upper_arm_m * hidden.f[5]);
             hidden.plant(&robot).arm.check_inertia().unwrap();
         }
         assert_ne!(HiddenRobot::draw(&robot, 1), HiddenRobot::draw(&robot, 2));

@@ -8,6 +8,9 @@
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot, hidden_effect                what a simulated board's robot really is
 //! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! new_robot                                  a robot file from questions and answers
+//! doctor                                     what on this computer is in the way of using a board
+//! export                                     recordings and models in the formats of other programs
 //! margins                                    how far computed torque is from instability on a model's arm
 //! searchers                                  ways to search a box, beside the genetic algorithm
 //! tracking                                   computed torque around a simulated arm, seen exactly
@@ -25,11 +28,13 @@ pub mod capture;
 pub mod client;
 pub mod compensation;
 mod convex;
+pub mod doctor;
 mod edit_distance;
 pub mod effects;
 pub mod excite;
 pub mod explain;
 pub mod explain_benchmark;
+pub mod export;
 pub mod file_error;
 pub mod firmware_image;
 pub mod hidden_effect;
@@ -43,6 +48,7 @@ pub mod links;
 pub mod load;
 pub mod margins;
 pub mod model;
+pub mod new_robot;
 pub mod prior;
 pub mod random;
 pub mod recording;

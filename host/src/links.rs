@@ -11,11 +11,13 @@ mod nearest;
 
 use std::path::Path;
 
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use shared::arm::PARAMETERS;
 use toml::Spanned;
 
 use crate::file_error::{FileError, Problem};
+use crate::model::Model;
 use crate::robot::Robot;
 use crate::toml_text::TomlText;
 
@@ -200,8 +202,13 @@ impl ArmBounds {
             }
             reach = reach.map(|reach| REFINEMENT * reach);
         }
-        let violations = self.excesses(&best.1).into_iter().filter(|(_, excess)| *excess > ROUNDING_SHARE);
-        (best.1, violations.map(|(violation, _)| violation).collect())
+        (best.1, self.violations(&best.1))
+    }
+
+    /// The bounds that `links` break, by more than rounding.
+    pub fn violations(&self, links: &[Link; 2]) -> Vec<Violation> {
+        let broken = self.excesses(links).into_iter().filter(|(_, excess)| *excess > ROUNDING_SHARE);
+        broken.map(|(violation, _)| violation).collect()
     }
 
     /// The links of these masses (upper arm, forearm) that give `f`.
@@ -296,6 +303,16 @@ fn square([low, high]: Bounds) -> Bounds {
     let most = low.abs().max(high.abs()).powi(2);
     let least = if low <= 0.0 && high >= 0.0 { 0.0 } else { low.abs().min(high.abs()).powi(2) };
     [least, most]
+}
+
+/// How exactly each f of `model` is known, as the inverse of a covariance; without standard errors every f counts by its own
+/// size.
+pub fn information(model: &Model) -> DMatrix<f64> {
+    let deviation = |index: usize| match model.f_standard_error {
+        Some(errors) if errors[index] > 0.0 && errors[index].is_finite() => errors[index],
+        _ => 0.01 * model.f[index].abs().max(0.1),
+    };
+    DMatrix::from_fn(PARAMETERS, PARAMETERS, |i, j| if i == j { deviation(i).powi(-2) } else { 0.0 })
 }
 
 #[cfg(test)]

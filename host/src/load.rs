@@ -47,7 +47,7 @@ pub fn settings(robot: &Robot, model: &Model, maximum_kg: f64, centre_m: [f64; 2
         f_standard_error: f,
         viscous_standard_error: pair(&model.viscous_nm_s_per_rad, &model.viscous_standard_error),
         coulomb_standard_error: pair(&model.coulomb_nm, &model.coulomb_standard_error),
-        ..LoadSettings::known_grasp(maximum_kg as f32, robot.upper_arm_m() as f32, centre_m.map(|value| value as f32))
+        ..LoadSettings::known_grasp(maximum_kg as f32, robot.upper_arm_m as f32, centre_m.map(|value| value as f32))
     }
 }
 

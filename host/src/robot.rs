@@ -3,15 +3,18 @@
 mod computed_torque;
 mod file;
 mod identity;
+mod stability;
 
 use std::path::Path;
 
-use shared::arm::{PUMA_UPPER_ARM_M, SEARCH_HIGH, SEARCH_LOW};
-use shared::control::{ComputedTorqueSettings, GainError, PositionLoop, SampledLoop};
+use shared::arm::{PARAMETERS, PUMA_UPPER_ARM_M, REFERENCE_F, SEARCH_HIGH, SEARCH_LOW};
+use shared::control::{ComputedTorqueSettings, PositionLoop};
 use shared::drive::Drive;
 use shared::trajectory::MotionLimits;
 
 use crate::file_error::FileError;
+
+pub use stability::UnsafeGain;
 
 /// Everything known about a robot beforehand.
 ///
@@ -36,6 +39,12 @@ pub struct Robot {
     /// The most counts the reference of either joint may move in one record period, if the file gives it; otherwise
     /// what the speed limits allow.
     pub counts_per_tick_limit: Option<f64>,
+    /// Length a3 of the upper arm in m, from joint to joint: what ties f3 and f4 to f5 and f6, and what a load at the
+    /// tool adds to f. The paper's where the file gives none.
+    pub upper_arm_m: f64,
+    /// Tracking error in counts at which the board stops the arm, if the file gives it; otherwise
+    /// [`DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS`].
+    pub following_error_limit_counts: Option<f64>,
     /// References and errors are whole counts after `fix()`.
     pub quantised: bool,
     /// `cur` is the controller's output of the same tick, not a measurement of the tick before.
@@ -136,6 +145,10 @@ impl JointLimits {
     }
 }
 
+/// Tracking error that is a fault where the file gives none, in counts: six times what the default loop shows on the
+/// paper's movement.
+pub const DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS: f64 = 1000.0;
+
 /// Current at full scale of both converters where the file gives none: a ±15 A sensor around the ±12 A amplifier.
 pub(crate) const DEFAULT_FULL_SCALE_A: f64 = 15.0;
 
@@ -179,18 +192,6 @@ fn joint_place(joint: &Option<usize>) -> String {
     joint.map(|joint| format!("joint {}: ", joint + 1)).unwrap_or_default()
 }
 
-/// Why a joint's position loop must not move a robot.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("joint {joint}: {source}")]
-pub struct UnsafeGain {
-    /// Name of the joint.
-    pub joint: String,
-    /// Index of the joint.
-    pub index: usize,
-    /// The gain and its limit.
-    pub source: GainError,
-}
-
 /// Gains of the default loop: half the stability limit at 0.7 ms (design §4), A/count.
 const DEFAULT_GAINS_A_PER_COUNT: [f64; 2] = [0.036, 0.048];
 
@@ -221,6 +222,11 @@ impl Robot {
         file::write(self, path)
     }
 
+    /// The robot file's text, every key of it.
+    pub fn to_toml(&self) -> String {
+        file::to_toml(self)
+    }
+
     /// The paper's PUMA 560, links 2 and 3, with the default loop's gains.
     pub fn paper() -> Self {
         let joint = |index, name: &str, gear_ratio, counts_per_rev, viscous, coulomb| Joint {
@@ -244,6 +250,8 @@ impl Robot {
             loop_period_s: 0.0007,
             command_delay_s: 0.00003,
             counts_per_tick_limit: None,
+            upper_arm_m: PUMA_UPPER_ARM_M,
+            following_error_limit_counts: None,
             quantised: true,
             current_is_command: false,
             joints: vec![joint(0, "2", 107.8, 800.0, 0.817e-3, 0.124), joint(1, "3", -53.7, 1000.0, 1.38e-3, 0.146)],
@@ -252,46 +260,16 @@ impl Robot {
         }
     }
 
-    /// Length of the upper arm in m: ties f3 and f4 to f5 and f6.
-    pub fn upper_arm_m(&self) -> f64 {
-        PUMA_UPPER_ARM_M
+    /// The f to expect before an identification: the reference robot's, or, where that is outside the search ranges, their
+    /// middle.
+    pub fn expected_f(&self) -> [f64; PARAMETERS] {
+        let inside = self.search.iter().zip(REFERENCE_F).all(|(&[low, high], f)| (low..=high).contains(&f));
+        if inside { REFERENCE_F } else { self.search.map(|[low, high]| 0.5 * (low + high)) }
     }
 
     /// How many ticks of the loop fall into one record period.
     pub fn loop_ticks_per_record(&self) -> usize {
         (self.record_period_s / self.loop_period_s).round() as usize
-    }
-
-    /// What bounds the gain of joint `index`, or nothing where the law is not the position loop or the viscous
-    /// friction is not known.
-    ///
-    /// The least inertia is taken from the search range: the arm has not been identified yet.
-    pub fn sampled_loop(&self, index: usize) -> Option<SampledLoop> {
-        let joint = self.joints.get(index)?;
-        let Law::Proportional(position_loop) = joint.law else { return None };
-        // With the other joint free, joint 2 feels at least f7 less twice the coupling, about half of f7 on any PUMA.
-        let least_joint_inertia = if index == 0 { 0.5 * self.search[6][0] } else { self.search[0][0] };
-        Some(SampledLoop {
-            period_s: self.loop_period_s,
-            command_delay_s: self.command_delay_s,
-            viscous_friction_nm_s_per_rad: joint.viscous_friction_nm_s_per_rad?,
-            counts_per_rev: joint.counts_per_rev,
-            least_motor_inertia_kg_m2: least_joint_inertia / (joint.gear_ratio * joint.gear_ratio),
-            lead: position_loop.lead,
-        })
-    }
-
-    /// Accepts the robot's gains for motion only below each joint's stability limit.
-    pub fn check_gains(&self) -> Result<(), UnsafeGain> {
-        for (index, joint) in self.joints.iter().enumerate() {
-            let (Law::Proportional(position_loop), Some(sampled)) = (joint.law, self.sampled_loop(index)) else {
-                continue;
-            };
-            sampled
-                .check_gain(position_loop.gain_a_per_count * joint.torque_constant_nm_per_a)
-                .map_err(|source| UnsafeGain { joint: joint.name.clone(), index, source })?;
-        }
-        Ok(())
     }
 
     /// Accepts the robot only if every value is one a robot can have.
@@ -336,6 +314,22 @@ impl Robot {
                 limit > 0.0,
                 "a finite number above 0",
                 "leave it out for what the speed limits allow",
+            )?;
+        }
+        all(
+            "upper_arm_m",
+            self.upper_arm_m,
+            (1e-3..=100.0).contains(&self.upper_arm_m),
+            "0.001 to 100 m",
+            "give the distance of the two joints in m",
+        )?;
+        if let Some(limit) = self.following_error_limit_counts {
+            all(
+                "following_error_limit_counts",
+                limit,
+                limit >= 1.0,
+                "a finite number, 1 or above",
+                "give it in counts at the motor, or leave it out for 1000",
             )?;
         }
         self.check_joint_names()?;

@@ -266,7 +266,7 @@ fn recordings_of_different_gains_are_fitted_together_and_ties_help() {
         identify(&robot, &both, &[], &options, &|_| ()).expect("an identification")
     };
     let free = identified(None);
-    let tied = identified(Some(robot.upper_arm_m()));
+    let tied = identified(Some(robot.upper_arm_m));
     for found in [&free, &tied] {
         assert!(!found.lack_of_fit && found.innovation_rms_counts.iter().all(|&rms| rms < 0.32), "{found:?}");
         assert_eq!(found.left_out.len(), 2);
@@ -281,7 +281,7 @@ fn recordings_of_different_gains_are_fitted_together_and_ties_help() {
     for index in [2, 3] {
         let of = |found: &Identification| found.standard_error(Parameter::F(index)).expect("sought or tied");
         assert!(of(&tied) < 0.5 * of(&free), "f{}: {} {}", index + 1, of(&tied), of(&free));
-        assert_eq!(tied.values.f[index], robot.upper_arm_m() * tied.values.f[index + 2]);
+        assert_eq!(tied.values.f[index], robot.upper_arm_m * tied.values.f[index + 2]);
     }
 }
 

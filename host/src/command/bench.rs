@@ -12,8 +12,13 @@ use clap::{Args, Subcommand};
 
 use super::CommandError;
 
+const EXAMPLES: &str = "Examples:
+  armid bench paper                                 the paper's experiment, a minute
+  armid bench track --robots 10                     tracking on arms never seen";
+
 /// Arguments of `bench`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Bench {
     #[command(subcommand)]
     what: What,

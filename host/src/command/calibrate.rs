@@ -13,8 +13,13 @@ use super::CommandError;
 use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
 use super::page::{self, ReportArguments};
 
+const EXAMPLES: &str = "Examples:
+  armid calibrate slow.csv fast.csv
+  armid calibrate slow.csv --robot robot.toml --out calibrated.toml";
+
 /// Arguments of `calibrate`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Calibrate {
     /// Recordings made under the position loop
     #[arg(required = true, value_name = "RECORDING")]

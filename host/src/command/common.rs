@@ -1,5 +1,6 @@
 //! Arguments and output that several commands share.
 
+use std::ffi::OsStr;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -391,6 +392,15 @@ fn advise_other_robot(path: &Path, named: &str, robot: &Robot) {
             path.display(),
             robot.name
         ));
+    }
+}
+
+/// The folder that things are kept in to be faster the next time: the one given, armid's own among the user's caches, or
+/// none where an empty name is given.
+pub fn cache_folder(given: Option<&OsStr>) -> Option<PathBuf> {
+    match given {
+        Some(folder) => (!folder.is_empty()).then(|| PathBuf::from(folder)),
+        None => dirs::cache_dir().map(|caches| caches.join("armid")),
     }
 }
 

@@ -11,9 +11,14 @@ use super::CommandError;
 use super::common::{RobotArguments, read_recordings};
 use super::page::{self, ReportArguments};
 
-const WHAT_IS_COMPARED: &str = "Files ending in .toml are models, all others recordings. Models are compared with the first, difference by \
+const WHAT_IS_COMPARED: &str =
+    "Files ending in .toml are models, all others recordings. Models are compared with the first, difference by \
     difference, and, where recordings are given too, by how well each repeats them. Recordings alone are compared with \
-    the first, tick by tick.";
+    the first, tick by tick.
+
+Examples:
+  armid compare model.toml other.toml run.csv        models side by side, and how each repeats a recording
+  armid compare slow.csv fast.csv --plot errors.svg";
 
 /// Arguments of `compare`.
 #[derive(Debug, Args)]

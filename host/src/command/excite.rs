@@ -14,8 +14,13 @@ use super::common::{RobotArguments, advise, check_outputs, print, print_json, re
 use super::page::{self, ReportArguments};
 use super::{CommandError, progress};
 
+const EXAMPLES: &str = "Examples:
+  armid excite --out movement.toml
+  armid excite --model model.toml --duration 10 --criterion d --out movement.toml";
+
 /// Arguments of `excite`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Excite {
     #[command(flatten)]
     robot: RobotArguments,

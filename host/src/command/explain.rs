@@ -8,12 +8,19 @@ use armid::model::Model;
 use armid::report::FileRole;
 use clap::Args;
 
-use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::common::{
+    RobotArguments, advise, cache_folder, check_outputs, print, print_json, read_recordings, with_sidecars,
+};
 use super::page::{self, ReportArguments};
 use super::{CommandError, progress};
 
+const EXAMPLES: &str = "Examples:
+  armid explain --model model.toml slow.csv fast.csv --check new.csv --report gap.html
+  armid explain slow.csv fast.csv new.csv --out extended.toml --next movement.toml";
+
 /// Arguments of `explain`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Explain {
     /// Recordings to explain, made under the position loop; without --check the last of several is kept back
     #[arg(required = true, value_name = "RECORDING")]
@@ -79,10 +86,7 @@ impl Explain {
         let options = Options {
             seed: self.seed,
             design_next: self.next.is_some(),
-            kept_thresholds: match &self.cache {
-                Some(folder) => (!folder.is_empty()).then(|| PathBuf::from(folder)),
-                None => dirs::cache_dir().map(|caches| caches.join("armid")),
-            },
+            kept_thresholds: cache_folder(self.cache.as_deref()),
         };
         let explanation = explain(&robot, &recordings, &check, model.as_ref(), &options, &|stage| {
             bar.set_message(stage);

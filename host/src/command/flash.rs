@@ -28,7 +28,11 @@ const WHAT_IS_KEPT: &str = "The stored parameters in the last 256 KiB of flash a
 
 Without ELF the image that `tests/run firmware` built here is taken (below CARGO_TARGET_DIR, or the folder target).
 Exit code 2 with several probes and no --probe, 3 with an unusable ELF file, 4 without a probe or a chip, 5 while a \
-    movement runs.";
+    movement runs.
+
+Examples:
+  armid flash                                       the image that tests/run firmware built here
+  armid flash --list";
 
 /// Arguments of `flash`.
 #[derive(Debug, Args)]

@@ -24,8 +24,13 @@ use super::page::{self, ReportArguments};
 use super::ranges::Verdict;
 use super::{CommandError, progress};
 
+const EXAMPLES: &str = "Examples:
+  armid identify slow.csv fast.csv --out model.toml
+  armid identify run.csv --robot robot.toml --filter 15 --identify-lead";
+
 /// Arguments of `identify`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Identify {
     /// Recordings to identify from, made under the position loop
     #[arg(required = true, value_name = "RECORDING")]

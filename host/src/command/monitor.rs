@@ -20,8 +20,13 @@ const PERIOD: Duration = Duration::from_millis(50);
 /// How often it is asked for its counters, which are not in every answer.
 const COUNTERS_PERIOD: Duration = Duration::from_secs(1);
 
-const WHAT_IS_ASKED: &str = "Asks the board twenty times a second and changes nothing, so it may run beside `armid record` on another link of \
-    the same board. Errors are 0 while the amplifiers are off. On a terminal q, Esc or Ctrl-C leaves.";
+const WHAT_IS_ASKED: &str =
+    "Asks the board twenty times a second and changes nothing, so it may run beside `armid record` on another link of \
+    the same board. Errors are 0 while the amplifiers are off. On a terminal q, Esc or Ctrl-C leaves.
+
+Examples:
+  armid monitor
+  armid monitor --board serial:/dev/ttyACM0";
 
 /// Arguments of `monitor`.
 #[derive(Debug, Args)]

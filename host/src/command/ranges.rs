@@ -12,8 +12,13 @@ use shared::arm::PARAMETERS;
 use super::CommandError;
 use super::common::{RobotArguments, print, print_json, read_model};
 
+const EXAMPLES: &str = "Examples:
+  armid ranges bounds.toml                          search ranges for the robot file
+  armid ranges bounds.toml --check model.toml";
+
 /// Arguments of `ranges`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Ranges {
     /// Bounds on masses, centres and inertias: upper_arm_m, and in [link2] and [link3] mass_kg, centre_x_m, centre_y_m,
     /// inertia_kg_m2 (about the centre of mass) and motor_inertia_kg_m2, each [LEAST, GREATEST]
@@ -38,14 +43,7 @@ impl Ranges {
             return if self.json { print_json(&json!({"search": table(&ranges)})) } else { print(text(&ranges)) };
         };
         let model = read_model(path, &robot)?;
-        // Without standard errors every f counts by its own size.
-        let deviation = |index: usize| match model.f_standard_error {
-            Some(errors) if errors[index] > 0.0 && errors[index].is_finite() => errors[index],
-            _ => 0.01 * model.f[index].abs().max(0.1),
-        };
-        let information =
-            DMatrix::from_fn(PARAMETERS, PARAMETERS, |i, j| if i == j { deviation(i).powi(-2) } else { 0.0 });
-        let verdict = Verdict::of(&bounds, &model.f, &information);
+        let verdict = Verdict::of(&bounds, &model.f, &armid::links::information(&model));
         if self.json { print_json(&verdict.to_json()) } else { print(verdict.text()) }
     }
 }

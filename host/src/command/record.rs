@@ -21,7 +21,11 @@ use super::run::Run;
 use super::{CommandError, progress};
 
 const IF_THE_LINK_BREAKS: &str = "Ctrl-C stops the arm along its path, Ctrl-C again switches it off. Should the cable be pulled during a movement, the \
-    board switches off within a second. What was received is written and marked as partial in the manifest.";
+    board switches off within a second. What was received is written and marked as partial in the manifest.
+
+Examples:
+  armid record --board sim --period 5 --out slow.csv
+  armid record --pose 0,0 --trajectory movement.toml --out designed.csv";
 
 /// Arguments of `record`.
 #[derive(Debug, Args)]

@@ -18,9 +18,13 @@ use super::common::{
 use super::record::Controller;
 use super::run::Run;
 
+const EXAMPLES: &str = "Examples:
+  armid simulate --seed 4 --out run.csv --truth truth.toml
+  armid simulate --effect backlash:joint=3,gap_rad=0.002 --out loose.csv";
+
 /// Arguments of `simulate`.
 #[derive(Debug, Args)]
-#[command(after_long_help = armid::effects::library_text())]
+#[command(after_long_help = format!("{EXAMPLES}\n\n{}", armid::effects::library_text()))]
 pub struct Simulate {
     #[command(flatten)]
     robot: RobotArguments,

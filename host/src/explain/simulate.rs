@@ -232,10 +232,7 @@ pub fn closed_loop_commands(experiment: &Experiment, index: usize, candidate: &C
 
 /// No effect at all, for this kind of robot.
 pub fn neutral(experiment: &Experiment) -> Effects<f64> {
-    match experiment.robot.kind {
-        crate::robot::Kind::TwoLink => Effects::OFF,
-        crate::robot::Kind::SingleAxis => Effects::SINGLE_AXIS,
-    }
+    crate::effects::off(experiment.robot)
 }
 
 /// An ideal amplifier gives what was commanded a tick before, within its limit.

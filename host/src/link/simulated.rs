@@ -129,7 +129,7 @@ impl SimulatedBoard {
             telemetry_dropped: 0,
             flash,
             log,
-            load: SimulatedLoad::new(robot.upper_arm_m()),
+            load: SimulatedLoad::new(robot.upper_arm_m),
             storing: None,
             power_fails_ns: None,
             restarts: 0,

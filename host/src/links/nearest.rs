@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 use shared::arm::PARAMETERS;
 
-use super::ArmBounds;
+use super::{ArmBounds, Link};
 use crate::convex::{Cone, Row, minimise};
 
 /// Unknowns of a link: m, m x, m y, J about its joint, Jm.
@@ -27,6 +27,8 @@ pub struct Nearest {
     pub f: [f64; PARAMETERS],
     /// How far it is from the f it was sought for, in standard errors (Mahalanobis distance).
     pub distance: f64,
+    /// Links that give it.
+    pub links: [Link; 2],
 }
 
 /// The f that links within `bounds` give, nearest to `f` in the metric of `information`, the inverse of the covariance of
@@ -60,10 +62,19 @@ pub fn nearest(bounds: &ArmBounds, f: &[f64; PARAMETERS], information: &DMatrix<
             before = cost;
         }
     }
+    let links = [0, 1].map(|link| {
+        let [mass_kg, x, y, about_joint, motor_inertia_kg_m2] = unknowns(&best, link);
+        Link {
+            mass_kg,
+            centre_m: [x / mass_kg, y / mass_kg],
+            inertia_kg_m2: about_joint - (x * x + y * y) / mass_kg,
+            motor_inertia_kg_m2,
+        }
+    });
     let found = &map * DVector::from_vec(best);
     let off = &found - &target;
     let distance = (off.transpose() * information * &off)[0].max(0.0).sqrt();
-    Some(Nearest { f: std::array::from_fn(|index| found[index]), distance })
+    Some(Nearest { f: std::array::from_fn(|index| found[index]), distance, links })
 }
 
 /// f as a linear map of the unknowns.

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::Deserialize;
+use shared::arm::PUMA_UPPER_ARM_M;
 use shared::control::{ComputedTorqueSettings, PositionLoop};
 use toml::Spanned;
 
@@ -28,6 +29,8 @@ struct RawRobot {
     loop_period_s: Number,
     command_delay_s: Number,
     counts_per_tick_limit: Number,
+    upper_arm_m: Number,
+    following_error_limit_counts: Number,
     #[serde(default = "yes")]
     quantised: bool,
     #[serde(default)]
@@ -314,6 +317,12 @@ fn parse(text: &TomlText<'_>) -> Result<(Robot, Places), FileError> {
         loop_period_s: reader.optional(None, "loop_period_s", &raw.loop_period_s).unwrap_or(record_period_s),
         command_delay_s: reader.optional(None, "command_delay_s", &raw.command_delay_s).unwrap_or(0.0),
         counts_per_tick_limit: reader.optional(None, "counts_per_tick_limit", &raw.counts_per_tick_limit),
+        upper_arm_m: reader.optional(None, "upper_arm_m", &raw.upper_arm_m).unwrap_or(PUMA_UPPER_ARM_M),
+        following_error_limit_counts: reader.optional(
+            None,
+            "following_error_limit_counts",
+            &raw.following_error_limit_counts,
+        ),
         quantised: raw.quantised,
         current_is_command: raw.current_is_command,
         joints,
@@ -342,7 +351,8 @@ pub(super) fn read_for_motion(path: &Path) -> Result<Robot, FileError> {
     let text = TomlText::read(path)?;
     let (robot, places) = parse(&text)?;
     for (index, joint) in robot.joints.iter().enumerate() {
-        if joint.viscous_friction_nm_s_per_rad.is_none() {
+        // No board drives a single axis: that is told where the board is asked, and no friction would help.
+        if robot.kind == Kind::TwoLink && joint.viscous_friction_nm_s_per_rad.is_none() {
             return Err(text.error(
                 places.0.get(&(Some(index), "name")).copied(),
                 Problem::Missing { field: format!("viscous_friction_nm_s_per_rad of joint \"{}\"", joint.name) },
@@ -402,6 +412,12 @@ pub(super) fn to_toml(robot: &Robot) -> String {
     line("command_delay_s", number(robot.command_delay_s));
     if let Some(limit) = robot.counts_per_tick_limit {
         line("counts_per_tick_limit", number(limit));
+    }
+    if robot.kind == Kind::TwoLink {
+        line("upper_arm_m", number(robot.upper_arm_m));
+    }
+    if let Some(limit) = robot.following_error_limit_counts {
+        line("following_error_limit_counts", number(limit));
     }
     line("quantised", robot.quantised.to_string());
     line("current_is_command", robot.current_is_command.to_string());

@@ -82,11 +82,11 @@ fn bad_robot_files_are_code_3() {
     refused(
         "gear_ratio = 107.8",
         "gear_ratio = 0",
-        &["bad.toml:11", "gear_ratio", "is 0", "other than 0", "motor turns"],
+        &["bad.toml:12", "gear_ratio", "is 0", "other than 0", "motor turns"],
     );
-    refused("counts_per_rev = 800", "counts_per_rev = -800", &["bad.toml:12", "counts_per_rev", "-800", "above 0"]);
-    refused("gear_ratio", "gear_ration", &["bad.toml:11", "gear_ration", "did you mean `gear_ratio`"]);
-    refused("[[joint]]", "[[joint", &["bad.toml:9"]);
+    refused("counts_per_rev = 800", "counts_per_rev = -800", &["bad.toml:13", "counts_per_rev", "-800", "above 0"]);
+    refused("gear_ratio", "gear_ration", &["bad.toml:12", "gear_ration", "did you mean `gear_ratio`"]);
+    refused("[[joint]]", "[[joint", &["bad.toml:10"]);
 }
 
 #[test]

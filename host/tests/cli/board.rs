@@ -33,7 +33,7 @@ fn gains_above_the_stability_limit_never_move_anything() {
     let parts = ["joint 2", "0.09600 N m/count", "stability limit 0.016", "lower the gain"];
     for command in ["record --board sim", "track --board sim", "simulate", "upload model.toml --board sim"] {
         bench.refused(UNSAFE, &format!("{command} --robot stiff.toml"), &parts);
-        bench.refused(UNSAFE, &format!("{command} --robot stiff.toml"), &["stiff.toml:14", "nothing was moved"]);
+        bench.refused(UNSAFE, &format!("{command} --robot stiff.toml"), &["stiff.toml:15", "nothing was moved"]);
     }
     // A recording of an unstable loop does not exist: the robot file is wrong.
     bench.refused(BAD_FILE, "identify run.csv --robot stiff.toml", &parts);

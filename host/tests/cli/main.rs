@@ -3,10 +3,15 @@
 mod bad_input;
 mod bench;
 mod board;
+mod doctor;
+mod documentation;
 mod effects;
+mod export;
 mod load;
 mod page;
+mod readme;
 mod report;
+mod robots;
 mod tracking;
 
 use std::path::Path;
@@ -22,9 +27,20 @@ fn help_documents_the_exit_codes() {
     let codes =
         ["0  done", "1  failed", "2  wrong usage", "3  bad input file", "4  board unreachable", "5  refused as unsafe"];
     assert!(codes.iter().all(|code| help.contains(code)), "{help}");
-    for command in
-        ["demo", "info", "monitor", "record", "calibrate", "identify", "upload", "track", "load", "simulate", "report"]
-    {
+    for command in [
+        "demo",
+        "info",
+        "monitor",
+        "record",
+        "calibrate",
+        "identify",
+        "upload",
+        "track",
+        "load",
+        "simulate",
+        "report",
+        "export",
+    ] {
         assert!(help.contains(command));
         bench.done(&format!("{command} --help"));
     }
@@ -132,7 +148,9 @@ fn a_real_axis_is_identified() {
         return;
     }
     let bench = Bench::new();
-    let found = bench.json(&format!("identify --robot {0}/robot.toml {0}/identification.csv", folder.display()));
+    // With the example that the tool brings along.
+    bench.done("new-robot --example emps --out emps.toml");
+    let found = bench.json(&format!("identify --robot emps.toml {}/identification.csv", folder.display()));
     let near = |found: &Value, published: f64| {
         let found = found.as_f64().unwrap();
         assert!((found / published - 1.0).abs() < 0.03, "{found} for {published}");

@@ -102,7 +102,7 @@ impl BoardUnderTest for EmulatedBoard {
     }
 
     fn carry(&self, load: &Load<f64>) {
-        EmulatedBoard::carry(self, load.delta_f(robot().upper_arm_m()));
+        EmulatedBoard::carry(self, load.delta_f(robot().upper_arm_m));
     }
 
     fn set_counters(&self, counts: [u32; 2]) {

@@ -32,8 +32,12 @@ const CORRELATION_TIME_S: f64 = 0.05;
 const STIFF_GAINS_NM_PER_COUNT: [f64; 2] = [0.096, 0.094];
 const STIFF_LOOP_PERIOD_S: f64 = 50e-6;
 
+const EXAMPLES: &str = "Example:
+  armid bench certainty --robots 60 --torque-noise 0.2";
+
 /// Arguments of `bench certainty`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Certainty {
     /// How many robots
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=10_000))]

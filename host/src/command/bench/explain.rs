@@ -14,17 +14,21 @@ use clap::Args;
 use super::super::common::{print, print_json};
 use super::super::{CommandError, progress};
 
+const EXAMPLES: &str = "Example:
+  armid bench explain --dir cases";
+
 /// Arguments of `bench explain`.
 ///
 /// The cases come from a separate program, so that they share nothing with what is judged. In a checkout of the
 /// project: `cargo run --ignore-rust-version --release -p armid-tests --bin hidden-effects -- --out DIR --cases full`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Explain {
     /// Folder of cases, written by the program `hidden-effects`
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "FOLDER")]
     dir: PathBuf,
     /// Folder to keep every answer in; answers that are there already are not asked for again
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "FOLDER")]
     results: Option<PathBuf>,
     /// The program to judge, if not this one
     #[arg(long, value_name = "PROGRAM")]

@@ -33,8 +33,12 @@ const PERIOD_S: f64 = 3.65;
 /// Root mean square difference, as a multiple of the best known, that counts as found.
 const FOUND: f64 = 1.05;
 
+const EXAMPLES: &str = "Example:
+  armid bench ga --seeds 50";
+
 /// Arguments of `bench ga`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Ga {
     /// How many searches of each kind
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=10_000))]

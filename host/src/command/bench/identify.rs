@@ -36,8 +36,12 @@ const TURN: Duration = Duration::from_millis(60);
 /// Runs of the paper's algorithm that are timed.
 const PAPER_RUNS: u64 = 5;
 
+const EXAMPLES: &str = "Example:
+  armid bench identify --baseline ./plain-c";
+
 /// Arguments of `bench identify`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Identify {
     /// Seed of the hidden robot and of the candidates
     #[arg(long, default_value_t = 1)]
@@ -46,7 +50,7 @@ pub struct Identify {
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
     /// Program to compare with, run in every round: it must print a line `evals_per_s X`
-    #[arg(long, value_name = "COMMAND")]
+    #[arg(long, value_name = "PROGRAM")]
     baseline: Option<String>,
     /// Print one JSON object
     #[arg(long)]

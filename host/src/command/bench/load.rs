@@ -36,8 +36,12 @@ const FRICTION_SHARE: f64 = 0.05;
 const PICKED_BETWEEN_S: [f64; 2] = [0.9, 2.2];
 const SETTLE_NS: u64 = 500_000_000;
 
+const EXAMPLES: &str = "Example:
+  armid bench load --picks 200";
+
 /// Arguments of `bench load`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Load {
     /// How many arms, each with a load taken up at rest and another in motion
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..=10_000))]
@@ -262,7 +266,7 @@ fn pick(robot: &Robot, seed: u64, mass_kg: f64, at_s: f64, differential: bool) -
 /// The rival: one unknown, updated row by row. The arm is taken to move as its reference, which it does within a few counts.
 fn recursive_least_squares(robot: &Robot, model: &Model, trajectory: &Trajectory, rows: &[Sample]) -> f64 {
     let arm = model.arm(robot);
-    let per_kg = Arm { f: load::held(1.0).delta_f(robot.upper_arm_m()), ..arm };
+    let per_kg = Arm { f: load::held(1.0).delta_f(robot.upper_arm_m), ..arm };
     let (mut mass_kg, mut variance) = (0.5 * load::MAXIMUM_KG, 1.0e3);
     let mut previous_code: Option<[u16; 2]> = None;
     for sample in rows {

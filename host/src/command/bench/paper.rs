@@ -30,8 +30,12 @@ const PERIOD_S: f64 = 3.65;
 const PAPER_FIRST_COUNTS2: [f64; 2] = [38e3, 45e3];
 const PAPER_FINAL_COUNTS2: [f64; 2] = [23e3, 25e3];
 
+const EXAMPLES: &str = "Example:
+  armid bench paper --runs 20";
+
 /// Arguments of `bench paper`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct Paper {
     /// How many seeds of the paper's algorithm, and how many robots for `full`
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(2..=1000))]

@@ -40,8 +40,12 @@ const SETTLE_NS: u64 = 1_000_000_000;
 /// How far every f of the wrong models is off, at most.
 const WRONG_F_SHARE: f64 = 0.05;
 
+const EXAMPLES: &str = "Example:
+  armid bench track --robots 10";
+
 /// Arguments of `bench track`.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub struct TrackStudy {
     /// How many arms
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]

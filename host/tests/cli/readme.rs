@@ -1,0 +1,73 @@
+//! What README.md shows of robots and of other programs, run as it stands there.
+
+use std::process::Command;
+
+use crate::bench::Bench;
+
+const README: &str = include_str!("../../../README.md");
+
+/// The code of `language` in the section `heading`.
+fn code(heading: &str, language: &str) -> String {
+    let section = README.split(&format!("### {heading}\n")).nth(1).expect("the section is there");
+    let block = section.split(&format!("```{language}\n")).nth(1).expect("it has code");
+    block.split("```").next().unwrap().to_string()
+}
+
+/// Runs each command line of a section; those that need somebody to answer or a board are left to `skip`.
+fn run(bench: &Bench, heading: &str, skip: &[&str]) {
+    for line in code(heading, "sh").lines() {
+        let line = line.split(" #").next().unwrap().trim();
+        let line = line.split(" > ").next().unwrap().replace("~/", "home/");
+        if !skip.contains(&line.as_str()) {
+            let arguments = line.strip_prefix("armid ").unwrap_or_else(|| panic!("{line}"));
+            bench.done(arguments);
+        }
+    }
+}
+
+#[test]
+fn the_commands_for_other_robots_and_programs_do_what_is_shown() {
+    let bench = Bench::new();
+    run(&bench, "Another robot", &["armid new-robot --out robot.toml"]);
+    bench.done("simulate --settle 0 --out unused.csv --truth model.toml");
+    // What `doctor` says depends on the computer; it has tests of its own.
+    run(&bench, "To and from other programs", &["armid doctor"]);
+    bench.done("export model.toml --out model.json");
+    for file in ["swing.mcap", "swing_si.csv", "arm.urdf", "home/.local/share/man/man1/armid-identify.1"] {
+        assert!(bench.path(file).is_file(), "{file}");
+    }
+    // The snippet names columns and keys that are there.
+    let snippet = code("To and from other programs", "python");
+    let header = std::fs::read_to_string(bench.path("swing_si.csv")).unwrap().lines().next().unwrap().to_string();
+    for column in ["time_s", "joint_elbow_error_counts"] {
+        assert!(snippet.contains(&format!("\"{column}\"")) && header.split(',').any(|name| name == column), "{header}");
+    }
+    read_with_python(&bench);
+}
+
+/// Python's standard library reads what pandas reads in the snippet, and every other file.
+fn read_with_python(bench: &Bench) {
+    const SCRIPT: &str = "
+import csv, json, tomllib
+rows = list(csv.DictReader(open('swing_si.csv')))
+recorded = list(csv.DictReader(open('swing.csv')))
+assert len(rows) == len(recorded) > 50
+for row, counts in zip(rows, recorded):
+    assert float(row['joint_elbow_error_counts']) == float(counts['errelbow'])
+    assert abs(float(row['time_s']) - 0.0007 * int(counts['tick'])) < 1e-9
+for name in ['swing.toml', 'pendulum.toml', 'model.toml']:
+    tomllib.load(open(name, 'rb'))
+assert json.load(open('model.json'))['f']['f7']['unit'] == 'kg m²'
+";
+    let python = Command::new("python3").args(["-X", "utf8", "-c", SCRIPT]).current_dir(bench.path("")).output();
+    match python {
+        Ok(output) if output.status.success() => {}
+        Ok(output) => {
+            let told = String::from_utf8_lossy(&output.stderr);
+            // Before 3.11 Python has no reader of TOML.
+            assert!(told.contains("No module named 'tomllib'"), "{told}");
+            eprintln!("python3 is too old: its part was skipped");
+        }
+        Err(_) => eprintln!("no python3 here: its part was skipped"),
+    }
+}

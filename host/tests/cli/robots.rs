@@ -1,0 +1,160 @@
+//! `armid new-robot`, and robots other than the PUMA all the way.
+
+use std::io::Write as _;
+use std::process::{Command, Stdio};
+
+use armid::robot::Robot;
+
+use crate::bench::{BAD_FILE, Bench, USAGE, numbers};
+
+/// What a maker would write down of the example's double pendulum.
+const ANSWERS: &str = r#"
+name = "pendulum"
+upper_arm_m = 0.35
+[joint1]
+name = "shoulder"
+gear_ratio = 1
+counts_per_rev = 65536
+torque_constant_nm_per_a = 2.0
+current_limit_a = 12
+viscous_friction_nm_s_per_rad = 0.02
+position_low_rad = -1.9
+position_high_rad = 0.4
+speed_limit_rad_s = 6
+acceleration_limit_rad_s2 = 40
+[joint2]
+name = "elbow"
+gear_ratio = 1
+counts_per_rev = 65536
+torque_constant_nm_per_a = 0.5
+current_limit_a = 12
+viscous_friction_nm_s_per_rad = 0.005
+position_low_rad = -0.4
+position_high_rad = 2
+speed_limit_rad_s = 8
+acceleration_limit_rad_s2 = 80
+[link1]
+mass_kg = 3
+centre_x_m = 0.18
+centre_y_m = 0
+inertia_kg_m2 = 0.06
+motor_inertia_kg_m2 = 0.004
+[link2]
+mass_kg = 1
+centre_x_m = 0
+centre_y_m = -0.14
+inertia_kg_m2 = 0.012
+motor_inertia_kg_m2 = 0.001
+"#;
+
+#[test]
+fn answers_from_a_file_make_a_robot_that_moves() {
+    let bench = Bench::new();
+    std::fs::write(bench.path("answers.toml"), ANSWERS).unwrap();
+    bench.done("new-robot --answers answers.toml --defaults --set joint1.coulomb_friction_nm=0.03 --out new.toml");
+    let robot = Robot::read_for_motion(&bench.path("new.toml")).unwrap();
+    assert_eq!((robot.name.as_str(), robot.joints[0].coulomb_friction_nm), ("pendulum", Some(0.03)));
+    let recorded = bench.json("record --board sim --robot new.toml --settle 0.5 --out moved.csv");
+    assert!(recorded.to_string().contains("moved.csv"), "{recorded}");
+    // What is there stays.
+    bench.refused(USAGE, "new-robot --answers answers.toml --defaults --out new.toml", &["new.toml exists", "--force"]);
+}
+
+#[test]
+fn nothing_is_guessed_where_nobody_can_be_asked() {
+    let bench = Bench::new();
+    std::fs::write(bench.path("answers.toml"), ANSWERS).unwrap();
+    bench.refused(
+        USAGE,
+        "new-robot --set name=arm",
+        &["no answer to kind, gravity_m_s2", "joint1.gear_ratio", "--defaults"],
+    );
+    // Those without a usual value are missing even so.
+    bench.refused(USAGE, "new-robot --set name=arm --defaults", &["no answer to upper_arm_m, joint1.gear_ratio"]);
+    let wrong = "new-robot --answers answers.toml --defaults";
+    bench.refused(USAGE, &format!("{wrong} --set upper_arm_m=350"), &["upper_arm_m is 350", "0.001 to 100 m", "in m"]);
+    bench.refused(USAGE, &format!("{wrong} --set upper_arm=0.35"), &["upper_arm is asked of no robot", "--list"]);
+    bench.refused(USAGE, &format!("{wrong} --set nonsense"), &["nonsense is not KEY=VALUE"]);
+    std::fs::write(bench.path("bad.toml"), "name = \n").unwrap();
+    bench.refused(BAD_FILE, "new-robot --answers bad.toml", &["bad.toml:1"]);
+    bench.refused(USAGE, "new-robot --example pumpkin", &["puma-560", "direct-drive-double-pendulum", "emps"]);
+}
+
+/// Questions show unit and default; a wrong answer is told and asked for again.
+#[test]
+fn whoever_answers_is_told_what_is_wrong_and_asked_again() {
+    let bench = Bench::new();
+    std::fs::write(bench.path("answers.toml"), ANSWERS.replace("upper_arm_m = 0.35\n", "")).unwrap();
+    let mut asked = Command::new(env!("CARGO_BIN_EXE_armid"))
+        .args(["new-robot", "--ask", "--answers", "answers.toml", "--out", "new.toml"])
+        .current_dir(bench.path(""))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Kind, gravity, periods and delay as proposed; the length wrong, then right; the rest as proposed.
+    let answers = "\n\n\n\n\n-1\n0.35\n".to_string() + &"\n".repeat(20);
+    asked.stdin.take().unwrap().write_all(answers.as_bytes()).unwrap();
+    let output = asked.wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    for part in ["Gravity in the arm's plane, m/s² [9.81]: ", "upper_arm_m is -1, but must be 0.001 to 100 m"] {
+        assert!(stderr.contains(part), "no {part:?} in {stderr}");
+    }
+    assert_eq!(stderr.matches("Length of the upper arm").count(), 2, "{stderr}");
+    assert_eq!(Robot::read(&bench.path("new.toml")).unwrap().upper_arm_m, 0.35);
+}
+
+#[test]
+fn questions_are_listed_with_their_keys() {
+    let bench = Bench::new();
+    let list = bench.done("new-robot --list");
+    assert!(
+        list.contains("joint2.gear_ratio") && list.contains("(N m s/rad)") && list.contains("link1.mass_kg"),
+        "{list}"
+    );
+    let list = bench.done("new-robot --list --set kind=single-axis --set unit=m");
+    assert!(!list.contains("joint2") && list.contains("link1.moved") && list.contains("(1/m)"), "{list}");
+}
+
+/// A two-link arm that shares nothing with the PUMA but its structure: no gears, fine encoders, next to no friction.
+#[test]
+fn a_direct_drive_double_pendulum_is_recorded_identified_and_tracked() {
+    let bench = Bench::new();
+    bench.done("new-robot --example direct-drive-double-pendulum --out pendulum.toml");
+    let on = "--board sim --seed 7 --robot pendulum.toml";
+    bench.done(&format!("record {on} --period 5 --out slow.csv"));
+    bench.done(&format!("record {on} --period 3.65 --out fast.csv"));
+    let found = bench.json("identify slow.csv fast.csv --robot pendulum.toml --out model.toml");
+    // The simulated robot itself, drawn from the same seed, is the truth.
+    let robot = Robot::read(&bench.path("pendulum.toml")).unwrap();
+    let truth = armid::hidden_robot::HiddenRobot::draw(&robot, 7).f;
+    let errors = numbers(&found["standard_error"]);
+    for (index, (found, truth)) in numbers(&found["f"]).into_iter().zip(truth).enumerate() {
+        let off = (found - truth).abs();
+        assert!(
+            off < 4.0 * errors[index] && off < 0.005 * truth.abs().max(0.03),
+            "f{}: {found}, not {truth}",
+            index + 1
+        );
+    }
+    let tracked = bench.json(&format!("track {on} --model model.toml"));
+    let share = |controller: &str| numbers(&tracked[controller]["within_one_count"]);
+    assert!(share("p").iter().all(|share| *share < 5.0), "{tracked}");
+    assert_eq!(share("ctc"), [100.0, 100.0], "{tracked}");
+    // What leaves the chain for a simulator is this arm.
+    let urdf = bench.done("export model.toml --robot pendulum.toml --format urdf");
+    assert!(urdf.contains("<origin xyz=\"0.35 0 0\"/>") && urdf.contains("link_elbow"), "{urdf}");
+}
+
+/// The axis of which only recordings are at hand cannot be moved by the board, and is told apart from files that are wrong.
+#[test]
+fn a_single_axis_is_read_but_not_moved() {
+    let bench = Bench::new();
+    bench.done("new-robot --example emps --out emps.toml");
+    for command in ["record --board sim", "track --board sim", "simulate"] {
+        bench.refused(BAD_FILE, &format!("{command} --robot emps.toml"), &["EMPS", "single axis"]);
+    }
+    bench.refused(USAGE, "new-robot --set kind=single-axis --set unit=m --set name=x --defaults", &["link1.moved"]);
+}
