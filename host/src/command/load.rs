@@ -85,13 +85,14 @@ pub struct LoadArguments {
     #[arg(long, value_name = "SECONDS", default_value_t = 0.2)]
     collect: f64,
     /// The gripper is empty when the movement begins: rows of the empty arm first show what is wrong with the model, and the
-    /// load taken up in motion is found by its difference. A simulated arm takes it up after 1.5 s
+    /// load taken up in motion is found by its difference. A simulated arm takes it up 1.3 s after the rows
     #[arg(long)]
     differential: bool,
 }
 
-/// When a simulated arm takes up its load where that is found by its difference from the empty arm, s.
-const TAKEN_UP_AT_S: f64 = 1.5;
+/// When a simulated arm takes up its load where that is found by its difference from the empty arm, s after the rows of that
+/// are collected.
+const TAKEN_UP_AFTER_S: f64 = 1.3;
 
 /// Two lengths in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -162,7 +163,7 @@ impl LoadCommand {
         let settings = self.load.settings(&robot, &model, self.place)?;
         movement.advise_margins();
         let mut client = if self.load.differential {
-            self.board.connect_ready_to_take_up(&robot, TAKEN_UP_AT_S)?
+            self.board.connect_ready_to_take_up(&robot, self.load.collect + TAKEN_UP_AFTER_S)?
         } else {
             self.board.connect_ready(&robot)?
         };
@@ -412,7 +413,11 @@ pub fn sentence(robot: &Robot, news: &LoadNews) -> String {
 /// Why nothing is active at the end.
 fn why_not(robot: &Robot, told: &[Told]) -> String {
     match told.last() {
-        Some(last) => format!("no load is active at the end of the movement; last: {}", sentence(robot, &last.news)),
+        Some(last) => {
+            let shorter = matches!(last.news, LoadNews::Waiting(_) | LoadNews::Collecting | LoadNews::Searching);
+            let remedy = if shorter { "; a longer movement (--period) gives it time" } else { "" };
+            format!("no load is active at the end of the movement; last: {}{remedy}", sentence(robot, &last.news))
+        }
         None => "no load is active at the end of the movement, and the identification said nothing".into(),
     }
 }

@@ -461,7 +461,9 @@ impl Identifier {
             return Piece { news: None, replica_steps };
         };
         let assumed = setup.settings.held(self.about.mass_kg + by_kg);
-        self.about = assumed;
+        // So early a change is at least what it seems; the replicas run with the middle of what it may be.
+        let farthest_kg = if by_kg > 0.0 { setup.settings.maximum_kg } else { 0.0 };
+        self.about = setup.settings.held(0.5 * (assumed.mass_kg + farthest_kg));
         self.wait();
         Piece { news: Some(LoadNews::Changed { by_kg, assumed_kg: assumed.mass_kg }), replica_steps }
     }

@@ -21,8 +21,9 @@ const DROPPED_AT: u32 = 3000;
 const TAKEN_UP_AT: u32 = 3300;
 const SECOND_ROWS: u16 = 1430;
 
-/// What the paper needed 3 to 4 s of a host computer for, s.
+/// What the paper needed 3 to 4 s of a host computer for, s; and the same from a second of rows.
 const IDENTIFIED_WITHIN_S: f64 = 1.0;
+const FROM_A_SECOND_WITHIN_S: f64 = 1.7;
 
 /// Noticed within, s.
 const NOTICED_WITHIN_S: f64 = 0.15;
@@ -48,14 +49,14 @@ impl Ran {
         self.told.iter().filter(|told| news(&told.news)).map(|told| told.at_s).collect()
     }
 
-    /// Every search ended in time, and every change of `rows` was noticed in time.
-    fn check_times(&self, rows: &[u32]) {
+    /// Every search ended within that time, and every change of `rows` was noticed in time.
+    fn check_times(&self, rows: &[u32], within_s: f64) {
         let searching_s = self.at_s(|news| matches!(news, LoadNews::Searching));
         let ended_s = self.at_s(|news| matches!(news, LoadNews::Found(_) | LoadNews::Learned { .. }));
         assert_eq!(searching_s.len(), ended_s.len());
         for (searching_s, ended_s) in searching_s.iter().zip(&ended_s) {
             println!("identified {:.3} s after the last row", ended_s - searching_s);
-            assert!(ended_s - searching_s <= IDENTIFIED_WITHIN_S);
+            assert!(ended_s - searching_s <= within_s);
         }
         // Told at the first row.
         let start_s = self.told[0].at_s;
@@ -127,7 +128,7 @@ pub fn a_load_is_identified_on_the_board_when_it_is_picked_and_dropped<B: BoardU
         assert!(error_kg.abs() < 3.0 * f64::from(found.standard_error_kg), "{truth_kg} kg: {found:?}");
         assert!(found.standard_error_kg < 0.06, "{found:?}");
     }
-    ran.check_times(&[PICKED_AT, DROPPED_AT]);
+    ran.check_times(&[PICKED_AT, DROPPED_AT], IDENTIFIED_WITHIN_S);
     assert!(ran.largest_errors_counts.into_iter().all(|error| error <= 10));
 }
 
@@ -156,5 +157,5 @@ pub fn a_load_and_its_centre_are_found_by_the_difference_from_the_empty_arm<B: B
         let (centre_m, error_m) = (found.centre_m[axis], found.centre_standard_error_m[axis]);
         assert!(near(centre_m, error_m, load::GRASP_M[axis]) && error_m < 0.02, "{found:?}");
     }
-    ran.check_times(&[TAKEN_UP_AT]);
+    ran.check_times(&[TAKEN_UP_AT], FROM_A_SECOND_WITHIN_S);
 }
