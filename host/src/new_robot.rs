@@ -180,6 +180,7 @@ impl Interview {
     pub fn finish(mut self) -> Result<(Robot, String), SetupError> {
         let robot = &mut self.draft.robot;
         proposal::set_following_error_limit(robot);
+        proposal::set_friction_switch(robot);
         if robot.kind == Kind::TwoLink {
             configuration(robot)?;
         }

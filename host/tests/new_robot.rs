@@ -66,6 +66,9 @@ fn answers_become_a_robot_whose_expected_arm_is_that_of_the_guesses() {
     }
     assert!(robot.search.iter().all(|[low, high]| low < high) && robot.search[6][0] > 0.0, "{:?}", robot.search);
     assert_eq!((robot.upper_arm_m, robot.joints[1].limits.speed_rad_s), (0.35, 8.0));
+    // The paper's robot switches friction over 0.5 rad/s behind a gear of 53.7.
+    let switch = robot.computed_torque.friction_switch_motor_rad_s;
+    assert!((switch / (0.5 / 53.7) - 1.0).abs() < 0.05, "{switch}");
     // What is proposed is stable, with room to spare, and needs a lead: friction damps next to nothing.
     robot.check_gains().unwrap();
     let mut twice = robot.clone();

@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
 pub struct Excite {
     #[command(flatten)]
     robot: RobotArguments,
-    /// Model to design for; without it, the reference robot with the robot file's friction
+    /// Model to design for; without it, the arm that the robot file makes expect
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// How long the movement lasts, in s

@@ -30,7 +30,8 @@ pub struct Simulate {
     robot: RobotArguments,
     #[command(flatten)]
     trajectory: TrajectoryArguments,
-    /// Model of the robot to simulate; without it, one is drawn from the seed around the reference robot
+    /// Model of the robot to simulate; without it, one is drawn from the seed around the arm that the robot file makes
+    /// expect: the reference robot, or the middle of its search ranges
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Effect that the simulated robot has beyond its model, NAME:joint=JOINT,PARAMETER=VALUE,…; may be repeated

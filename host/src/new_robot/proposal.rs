@@ -104,6 +104,15 @@ fn two_digits(value: f64) -> f64 {
     format!("{digits}e{unit}").parse().unwrap_or(value)
 }
 
+/// Friction is switched over the same joint speed as on the reference robot, whatever the gears: its motors are fast, one
+/// without a gear is as slow as its joint.
+pub(super) fn set_friction_switch(robot: &mut Robot) {
+    let slowest = |robot: &Robot| robot.joints.iter().map(|joint| joint.gear_ratio.abs()).fold(f64::INFINITY, f64::min);
+    let usual = robot.computed_torque.friction_switch_motor_rad_s;
+    let scaled = usual * slowest(robot) / slowest(&Robot::paper());
+    robot.computed_torque.friction_switch_motor_rad_s = two_digits(scaled.min(usual));
+}
+
 /// A loop that needs more counts than the usual limit before its amplifier is at its end gets a limit of its own.
 pub(super) fn set_following_error_limit(robot: &mut Robot) {
     let counts = robot.joints.iter().filter_map(|joint| match joint.law {

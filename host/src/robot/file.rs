@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use serde::Deserialize;
-use shared::arm::PUMA_UPPER_ARM_M;
+use shared::arm::{PUMA_UPPER_ARM_M, REFERENCE_F};
 use shared::control::{ComputedTorqueSettings, PositionLoop};
 use toml::Spanned;
 
@@ -360,8 +360,28 @@ pub(super) fn read_for_motion(path: &Path) -> Result<Robot, FileError> {
             ));
         }
     }
+    check_own_limits(&text, &robot, &places)?;
     check_gains(&text, &robot, &places, "nothing was moved")?;
     Ok(robot)
+}
+
+/// Refuses to move another arm than the reference robot within the reference robot's limits.
+fn check_own_limits(text: &TomlText<'_>, robot: &Robot, places: &Places) -> Result<(), FileError> {
+    const LIMITS: [&str; 4] =
+        ["position_low_rad", "position_high_rad", "speed_limit_rad_s", "acceleration_limit_rad_s2"];
+    if robot.kind == Kind::SingleAxis || robot.expected_f() == REFERENCE_F {
+        return Ok(());
+    }
+    for (index, joint) in robot.joints.iter().enumerate() {
+        if let Some(limit) = LIMITS.iter().find(|limit| !places.0.contains_key(&(Some(index), **limit))) {
+            return Err(text.error(
+                places.0.get(&(Some(index), "name")).copied(),
+                Problem::Missing { field: format!("{limit} of joint \"{}\"", joint.name) },
+                "[search] describes another arm than the reference robot, whose limits are not this one's; add it",
+            ));
+        }
+    }
+    Ok(())
 }
 
 pub(super) fn read_for_repeating(path: &Path) -> Result<Robot, FileError> {

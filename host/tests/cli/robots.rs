@@ -148,6 +148,21 @@ fn a_direct_drive_double_pendulum_is_recorded_identified_and_tracked() {
     assert!(urdf.contains("<origin xyz=\"0.35 0 0\"/>") && urdf.contains("link_elbow"), "{urdf}");
 }
 
+/// A limit left out would be the reference robot's: on another arm nothing moves within limits that are not its own.
+#[test]
+fn another_arm_needs_limits_of_its_own() {
+    let bench = Bench::new();
+    bench.done("new-robot --example direct-drive-double-pendulum --out pendulum.toml");
+    for limit in ["position_low_rad", "speed_limit_rad_s"] {
+        bench.spoil("pendulum.toml", "unlimited.toml", |text| {
+            let kept = |line: &&str| !line.starts_with(limit);
+            text.lines().filter(kept).map(|line| format!("{line}\n")).collect()
+        });
+        let missing = format!("{limit} of joint \"shoulder\" is missing");
+        bench.refused(BAD_FILE, "record --board sim --robot unlimited.toml", &[&missing, "another arm"]);
+    }
+}
+
 /// The axis of which only recordings are at hand cannot be moved by the board, and is told apart from files that are wrong.
 #[test]
 fn a_single_axis_is_read_but_not_moved() {
