@@ -120,7 +120,7 @@ fn axes(area: &Area<'_>, picture: &Picture, scale: u32, stand_alone: bool) -> Dr
             let hidden = matches!(&lines[..], [Line { ink: Ink::Measured, .. }, .., Line { ink: Ink::Simulated, .. }]);
             for line in lines {
                 let wide = hidden && line.ink == Ink::Measured;
-                draw_line(&mut chart, line, if wide { 3 * scale } else { (5 * scale).div_ceil(4) }, Some)?;
+                draw_line(&mut chart, line, if wide { 3 * scale } else { 5 * scale / 4 }, Some)?;
             }
         }
         Content::LogarithmicLines(lines) => {

@@ -1,5 +1,6 @@
 //! The pages of `compare`: models side by side, or recordings one over the other.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use armid::identified_model;
@@ -8,7 +9,7 @@ use armid::report::{Cell, Content, FileRole, Ink, Interval, Intervals, Page, Pic
 use armid::robot::Robot;
 
 use super::super::CommandError;
-use super::super::compare::models::{Compared, in_standard_errors};
+use super::super::compare::models::{Compared, Entry, in_standard_errors};
 use super::super::compare::recordings::{Difference, pictures};
 use super::identify::repeated;
 use super::per_joint;
@@ -71,24 +72,39 @@ fn values(compared: &[Compared], names: &[String]) -> Section {
         }
         table.rows.push(cells);
     }
+    let title = |of: &str| format!("{of}: difference from {}, 95 % intervals", compared[0].path.display());
+    let f = compared[0].entries.iter().filter(|entry| !entry.name.contains(FRICTION)).count();
+    let pictures = [differences(title("f1..f9"), compared, names, 0..f)].into_iter().chain([differences(
+        title("friction"),
+        compared,
+        names,
+        f..compared[0].entries.len(),
+    )]);
+    Section::new("Parameters").table(table).pictures(pictures.flatten().collect())
+}
+
+/// What the names of friction parameters have and those of f do not.
+const FRICTION: &str = " friction";
+
+/// How far some of the parameters are from the first model's; nothing where no standard error says what is far.
+fn differences(title: String, compared: &[Compared], names: &[String], of: Range<usize>) -> Option<Picture> {
+    let first = &compared[0].entries[of.clone()];
+    let interval = |(first, entry): (&Entry, &Entry)| {
+        let apart = in_standard_errors(first, entry)?;
+        Some(Interval { low: apart - 1.96, value: apart, high: apart + 1.96 })
+    };
     let sources = compared.iter().zip(names).enumerate().skip(1).map(|(index, (one, name))| {
-        let apart = compared[0].entries.iter().zip(&one.entries).map(|(first, entry)| {
-            let apart = in_standard_errors(first, entry)?;
-            Some(Interval { low: apart - 1.96, value: apart, high: apart + 1.96 })
-        });
+        let apart = first.iter().zip(&one.entries[of.clone()]).map(interval);
         (name.clone(), Ink::Nth(index - 1), apart.collect::<Vec<_>>())
     });
     let sources: Vec<_> = sources.collect();
-    let section = Section::new("Parameters").table(table);
     if sources.iter().all(|(_, _, intervals)| intervals.iter().all(Option::is_none)) {
-        return section;
+        return None;
     }
-    // Names of frictions are long: their initials and joints stand for them under an axis.
-    let short = |name: &str| name.replace("viscous friction", "visc.").replace("Coulomb friction", "Coul.");
-    let names = compared[0].entries.iter().map(|entry| short(&entry.name)).collect();
-    let title = format!("Difference from {}, 95 % intervals", compared[0].path.display());
+    // There is little room below an axis.
+    let names = first.iter().map(|entry| entry.name.replace(FRICTION, "")).collect();
     let content = Content::Intervals(Intervals { names, sources, logarithmic: false });
-    section.pictures(vec![Picture::of(title, ["", "standard errors"], content)])
+    Some(Picture::of(title, ["", "standard errors"], content))
 }
 
 fn gaps(robot: &Robot, compared: &[Compared], names: &[String]) -> Option<Section> {
