@@ -6,8 +6,8 @@ use super::search::Quadratic;
 const ELEMENTS: usize = MODEL_UNKNOWNS * (MODEL_UNKNOWNS + 1) / 2;
 
 /// What the rows of an empty arm say counts only so much: another movement, with a load, shows errors of the model that they
-/// do not. With all of it, masses found from a second of rows were off by 2.2 of their standard errors rms, so by 1.6.
-const BELIEVED: f64 = 0.25;
+/// do not, and the standard errors of what is found then have to hold.
+const BELIEVED: f64 = 0.5;
 
 /// Where f1..f9 and friction are, and how well that is known: a normal distribution of all of them together.
 #[derive(Clone, Debug)]
@@ -20,8 +20,7 @@ pub struct Learned {
 
 impl Learned {
     /// How well it is known, from a form of the rows of an empty arm whose states are eliminated; where it is, is still to
-    /// be told. What the rows say counts by [`BELIEVED`], and less by the square of `noise_ratio`, what they leave over what noise alone
-    /// would.
+    /// be told. What the rows say counts less by the square of `noise_ratio`, what they leave over what noise alone would.
     #[inline(never)]
     pub fn new(quadratic: &Quadratic, noise_ratio: f32) -> Self {
         let share = BELIEVED / f64::from(noise_ratio * noise_ratio).max(1.0);
