@@ -45,6 +45,19 @@ fn the_commands_for_other_robots_and_programs_do_what_is_shown() {
     read_with_python(&bench);
 }
 
+#[test]
+fn the_tutorial_names_the_effect_that_it_hides() {
+    let bench = Bench::new();
+    run(&bench, "From a strange rattle to a named effect", &[]);
+    let extended = std::fs::read_to_string(bench.path("extended.toml")).unwrap();
+    let extended: toml::Table = extended.parse().unwrap();
+    let [effect] = &extended["effect"].as_array().unwrap()[..] else { panic!("{extended}") };
+    assert_eq!((effect["name"].as_str(), effect["joint"].as_str()), (Some("backlash"), Some("3")));
+    let gap_rad = effect["parameters"]["gap_rad"].as_float().unwrap();
+    assert!((gap_rad / 0.001 - 1.0).abs() < 0.1, "{gap_rad}");
+    assert!(std::fs::read_to_string(bench.path("gap.html")).unwrap().contains("backlash"));
+}
+
 /// Python's standard library reads what pandas reads in the snippet, and every other file.
 fn read_with_python(bench: &Bench) {
     const SCRIPT: &str = "
