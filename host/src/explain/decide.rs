@@ -190,7 +190,8 @@ impl Case<'_> {
             }
             // An effect may weigh more where the noise is small and still lead the model away from the motion.
             confirmed.retain(|(rival, _)| rival.held_out_gap <= most_gap && rival.delta_bic >= threshold);
-            if round > 0 && !confirmed.is_empty() {
+            if round > 0 && gap <= FAR * floor && !confirmed.is_empty() {
+                // Far from the floor there are others still to be found, and only all of them together narrow it.
                 let reached = self.judging_gap(&current.hypothesis);
                 confirmed.retain(|(rival, _)| rival.held_out_gap <= may_widen(rival, &accepted) * reached);
             }

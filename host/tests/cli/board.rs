@@ -125,7 +125,7 @@ fn info_shows_the_board() {
     let text = bench.done("info --board sim");
     for part in [
         "firmware      ",
-        "(protocol 4)",
+        "(protocol 5)",
         "chip          ",
         "last start    power-on",
         "last fault    none",
