@@ -97,7 +97,8 @@ impl<S: Scalar> Amplifier<S> {
         // The share of the step that the change takes.
         let taken = change.abs() * self.inverse_slew / period_s;
         let kept = change * (-taken.constant(0.5)).mul_add(taken, taken.constant(1.0));
-        (current_a + change, mean_a - wanted + kept)
+        // Nothing is taken away where the rate is not in the way, not even by rounding.
+        (end_a - (wanted - change), mean_a - (wanted - kept))
     }
 
     /// What a current of the motor counts for at a time after the start of the recording.
