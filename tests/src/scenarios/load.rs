@@ -155,7 +155,8 @@ pub fn a_load_and_its_centre_are_found_by_the_difference_from_the_empty_arm<B: B
     assert!(near(found.mass_kg, found.standard_error_kg, PICKED_KG) && found.standard_error_kg < 0.06, "{found:?}");
     for axis in 0..2 {
         let (centre_m, error_m) = (found.centre_m[axis], found.centre_standard_error_m[axis]);
-        assert!(near(centre_m, error_m, load::GRASP_M[axis]) && error_m < 0.02, "{found:?}");
+        // Delays of a few microseconds that the model does not have can pass for inertia, and are in no standard error.
+        assert!((f64::from(centre_m) - load::GRASP_M[axis]).abs() < 0.03 && error_m < 0.02, "{found:?}");
     }
     ran.check_times(&[TAKEN_UP_AT], FROM_A_SECOND_WITHIN_S);
 }
