@@ -36,7 +36,10 @@
 mod bundle;
 mod identifier;
 mod learned;
+mod prior;
+mod quadratic;
 mod search;
+mod watch;
 mod window;
 
 pub use identifier::{COST_NS_PER_REPLICA_STEP, Identifier, Piece};

@@ -1,8 +1,11 @@
 //! The three stages as a state machine: rows in, news out, and work in bounded pieces.
 
-use super::bundle::{Bundle, MODEL_UNKNOWNS, NOISE_COUNTS, NUISANCES, START_ROWS, UNKNOWNS, linear_load};
+use super::bundle::{Bundle, MODEL_UNKNOWNS, NUISANCES, START_ROWS, UNKNOWNS, linear_load};
 use super::learned::Learned;
-use super::search::{LARGEST_NOISE_RATIO, Quadratic, Search, gradient};
+use super::prior::gradient;
+use super::quadratic::Quadratic;
+use super::search::{LARGEST_NOISE_RATIO, Search};
+use super::watch::Watch;
 use super::window::Window;
 use super::{LoadEstimate, LoadNews, LoadRow, LoadSetup, Rejected, Waiting};
 use crate::arm::Load;
@@ -31,17 +34,6 @@ const SEARCH_STEPS: u32 = 40;
 const LEAST_SPEED_COUNTS: f32 = 1.0;
 /// Rows from which on reversals are allowed in a collection: so long a window has motion on both sides.
 const REVERSALS_FROM_ROWS: u16 = 700;
-
-/// Share of the change test's memory that a row leaves: it looks some 60 ms back.
-const WATCH_MEMORY: f32 = 1.0 - 1.0 / 86.0;
-/// Rows before the change test begins: its replicas have forgotten their start.
-const WATCH_FROM_ROWS: u32 = 60;
-/// The change test is made every so many rows.
-const WATCH_EVERY_ROWS: u32 = 8;
-/// Standard errors that a change must have.
-const WATCH_ERRORS: f64 = 6.0;
-/// Least change that is one, as a share of the largest mass.
-const WATCH_LEAST: f32 = 0.05;
 
 /// Work done in one piece.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -130,7 +122,7 @@ impl Identifier {
             bundle: Bundle::new(),
             quadratic: Quadratic::new(),
             search: None,
-            watch: Watch::new(),
+            watch: Watch::new(1.0),
             recent: [[0; 2]; 2 * START_ROWS + 1],
             recent_rows: 0,
             next_index: 0,
@@ -370,7 +362,7 @@ impl Identifier {
             learned.is_at(&self.nuisances);
         }
         // The change test asks for variances: those that are left, with no load.
-        self.watch = Watch { noise_ratio: noise_ratio.max(1.0), ..Watch::new() };
+        self.watch = Watch::new(noise_ratio);
         self.quadratic.clear();
         self.quadratic.expect(&self.nuisances, self.learned.as_ref());
         self.stage = Stage::Eliminating { round, pivot: 0 };
@@ -422,8 +414,7 @@ impl Identifier {
         let news = match gate {
             Ok(()) => {
                 self.nuisances = nuisances;
-                self.watch = Watch::new();
-                self.watch.noise_ratio = estimate.noise_ratio.max(1.0);
+                self.watch = Watch::new(estimate.noise_ratio);
                 self.stage = Stage::Watching;
                 LoadNews::Found(estimate)
             }
@@ -438,26 +429,25 @@ impl Identifier {
 
     fn watch(&mut self, setup: &LoadSetup, row: &LoadRow, lost: bool) -> Piece {
         if lost {
-            self.watch.rows = 0;
+            self.watch.restart();
         }
-        if self.watch.rows == 0 {
+        if self.watch.is_new() {
             // The state is found from the rows around the middle of the recent ones, but the bundle starts at the newest.
             let Some(speed) = self.speed_counts() else { return Piece::default() };
             self.nuisances[MODEL_UNKNOWNS..].fill(0.0);
             self.bundle.start(setup, linear_load(&self.about), &self.nuisances, row.counts, speed);
-            let noise_ratio = self.watch.noise_ratio;
-            self.watch = Watch { noise_ratio, ..Watch::new() };
+            self.watch.restart();
         }
         let shown = self.bundle.advance(setup, row);
         let direction = gradient(&self.about).map(|row| row[0] as f32);
         self.watch.add(&shown, &direction);
         let mut replica_steps = UNKNOWNS as u32 + 1;
-        if self.watch.rows < WATCH_FROM_ROWS || !self.watch.rows.is_multiple_of(WATCH_EVERY_ROWS) {
+        if !self.watch.is_due() {
             return Piece { news: None, replica_steps };
         }
         replica_steps += ELIMINATION_STEPS;
-        let least_kg = WATCH_LEAST * setup.settings.maximum_kg;
-        let Some(by_kg) = self.watch.change_kg(&self.quadratic, &gradient(&self.about), least_kg) else {
+        let Some(by_kg) = self.watch.change_kg(&self.quadratic, &gradient(&self.about), setup.settings.maximum_kg)
+        else {
             return Piece { news: None, replica_steps };
         };
         let assumed = setup.settings.held(self.about.mass_kg + by_kg);
@@ -466,64 +456,5 @@ impl Identifier {
         self.about = setup.settings.held(0.5 * (assumed.mass_kg + farthest_kg));
         self.wait();
         Piece { news: Some(LoadNews::Changed { by_kg, assumed_kg: assumed.mass_kg }), replica_steps }
-    }
-}
-
-/// The change test: the mass that the last rows would have beside the one found, fitted with a memory that fades, against
-/// what the uncertainty of everything else lets it be.
-#[derive(Clone, Copy, Debug)]
-struct Watch {
-    rows: u32,
-    noise_ratio: f32,
-    /// Σ s², Σ s·innovation, Σ s·(sensitivity of every unknown), s being the sensitivity to mass; all fading.
-    squares: f32,
-    products: f32,
-    crossed: [f32; UNKNOWNS],
-}
-
-impl Watch {
-    const fn new() -> Self {
-        Self { rows: 0, noise_ratio: 1.0, squares: 0.0, products: 0.0, crossed: [0.0; UNKNOWNS] }
-    }
-
-    fn add(&mut self, shown: &super::bundle::Shown, direction: &[f32; UNKNOWNS - NUISANCES]) {
-        self.rows = self.rows.saturating_add(1);
-        self.squares *= WATCH_MEMORY;
-        self.products *= WATCH_MEMORY;
-        for sum in &mut self.crossed {
-            *sum *= WATCH_MEMORY;
-        }
-        for (innovation, sensitivity) in shown.innovation_counts.iter().zip(&shown.sensitivity) {
-            let load = sensitivity.iter().skip(NUISANCES).zip(direction);
-            let mass: f32 = load.map(|(sensitivity, direction)| sensitivity * direction).sum();
-            self.squares += mass * mass;
-            self.products += mass * innovation;
-            for (sum, other) in self.crossed.iter_mut().zip(sensitivity) {
-                *sum += mass * other;
-            }
-        }
-    }
-
-    /// The change of mass, if it is one.
-    fn change_kg(&self, quadratic: &Quadratic, gradient: &[[f64; 4]; 4], least_kg: f32) -> Option<f32> {
-        let change = self.products / self.squares;
-        if !change.is_finite() || change.abs() < least_kg {
-            return None;
-        }
-        let mut weights = self.crossed.map(|sum| sum / self.squares);
-        // The state at the start is not that of the rows collected.
-        let (_, state_and_load) = weights.split_at_mut(MODEL_UNKNOWNS);
-        let (state, load) = state_and_load.split_at_mut(NUISANCES - MODEL_UNKNOWNS);
-        let of_state: f32 = state.iter().map(|weight| weight * weight).sum();
-        state.fill(0.0);
-        let linear: [f32; 4] = [load[0], load[1], load[2], load[3]];
-        for (column, weight) in load.iter_mut().enumerate() {
-            *weight = linear.iter().zip(gradient).map(|(weight, row)| weight * row[column] as f32).sum();
-        }
-        let of_noise = NOISE_COUNTS * NOISE_COUNTS / self.squares;
-        let scale = f64::from(self.noise_ratio * self.noise_ratio);
-        let variance = scale * (quadratic.variance(&weights) + f64::from(of_state + of_noise));
-        let change = f64::from(change);
-        (change * change > WATCH_ERRORS * WATCH_ERRORS * variance).then_some(change as f32)
     }
 }

@@ -1,7 +1,7 @@
 //! What an empty arm has shown of the model's errors: with it a load is found by its difference from the empty arm.
 
 use super::bundle::{MODEL_UNKNOWNS, NUISANCES};
-use super::search::Quadratic;
+use super::quadratic::Quadratic;
 
 const ELEMENTS: usize = MODEL_UNKNOWNS * (MODEL_UNKNOWNS + 1) / 2;
 
