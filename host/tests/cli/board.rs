@@ -73,25 +73,29 @@ fn record_writes_recording_and_manifest_and_prints_the_margins() {
     assert_eq!(manifest.partial, None);
 }
 
-/// Serves one host with a simulated board, and goes away after having sent `bytes`. Half a second of virtual time
-/// passes with every request, so how fast the machine is does not matter.
+/// Serves hosts one after the other with a simulated board, and goes away after having sent `bytes`. Half a second of
+/// virtual time passes with every request, so how fast the machine is does not matter.
 fn board_that_goes_away_after(bytes: usize) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     std::thread::spawn(move || {
         let mut board = SimulatedBoard::hidden(&armid::robot::Robot::paper(), 1);
-        let (mut stream, _) = listener.accept().unwrap();
         let (mut buffer, mut sent) = ([0; 512], 0);
-        while let Ok(count @ 1..) = stream.read(&mut buffer) {
-            board.send(&buffer[..count]).unwrap();
-            let until = board.now() + Duration::from_millis(500);
-            while board.now() < until && sent < bytes {
-                let count = board.receive(&mut buffer, until - board.now()).unwrap();
-                stream.write_all(&buffer[..count]).unwrap();
-                sent += count;
-            }
-            if sent >= bytes {
-                return;
+        while let Ok((mut stream, _)) = listener.accept() {
+            while let Ok(count @ 1..) = stream.read(&mut buffer) {
+                board.send(&buffer[..count]).unwrap();
+                let until = board.now() + Duration::from_millis(500);
+                while board.now() < until && sent < bytes {
+                    let count = board.receive(&mut buffer, until - board.now()).unwrap();
+                    // Whoever has what it wanted is gone.
+                    if stream.write_all(&buffer[..count]).is_err() {
+                        break;
+                    }
+                    sent += count;
+                }
+                if sent >= bytes {
+                    return;
+                }
             }
         }
     });
@@ -185,4 +189,20 @@ fn identified_and_uploaded_the_arm_tracks_within_one_count() {
     assert!(bench.path("tracked/p.csv").is_file() && bench.path("tracked/ctc.toml").is_file());
     // A recording under computed torque is no recording of the position loop.
     bench.refused(FAILED, "calibrate tracked/ctc.csv", &["ctc.csv", "--mode p"]);
+}
+
+#[test]
+fn a_model_that_the_board_kept_is_checked_with_the_robot_file_of_today() {
+    let bench = Bench::new();
+    let board = format!("--board tcp:{}", board_that_goes_away_after(usize::MAX));
+    bench.done("simulate --settle 0 --out x.csv --truth truth.toml");
+    bench.done(&format!("upload {board} --pose 0,0 --model truth.toml"));
+    let mut hard = armid::robot::Robot::paper();
+    hard.computed_torque.bandwidth_rad_s = 1500.0;
+    hard.computed_torque.observer_bandwidth_rad_s = 6000.0;
+    hard.write(&bench.path("hard.toml")).unwrap();
+    let record = format!("record {board} --pose 0,0 --settle 0.2 --mode ctc --out run.csv");
+    bench.refused(UNSAFE, &format!("{record} --robot hard.toml"), &["margin", "nothing was moved"]);
+    assert!(!bench.path("run.csv").exists());
+    bench.done(&record);
 }
