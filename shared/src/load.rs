@@ -18,9 +18,9 @@
 //! sums instead of a simulation.
 //!
 //! # What is not known exactly
-//! f1..f9, friction and the state at the first row are unknowns too, each with the standard error it is known to. They are
-//! eliminated at every candidate, so what the data show of them is used, and what they leave open stands in the standard
-//! errors of the load. Centre and inertia have such priors as well: what the data cannot tell stays there.
+//! f1..f9, friction, the commands' delay and the state at the first row are unknowns too, each with the standard error it is
+//! known to. They are eliminated at every candidate, so what the data show of them is used, and what they leave open stands
+//! in the standard errors of the load. Centre and inertia have such priors as well: what the data cannot tell stays there.
 //!
 //! # The difference from the empty arm
 //! Where the gripper is empty when a movement begins ([`LoadSettings::differential`]), the first rows show f and friction as

@@ -1,4 +1,8 @@
 //! Replicas of the arm side by side: one with the parameters assumed, and one for each unknown moved a little.
+//!
+//! What a replica shows of an unknown changes slowly, so all those that are moved, and one beside them that is not, take two
+//! rows in a step; only the innovations themselves come from a replica that takes each row by itself. That halves the work,
+//! and what is found is where the innovations say it is, however roughly their slopes are known.
 
 #![expect(clippy::needless_range_loop, reason = "a joint is an index into many arrays")]
 
@@ -11,8 +15,14 @@ use crate::replay::{CORRECTION_DAMPING, CORRECTION_HZ};
 
 /// What a load adds to f, in the four numbers that it is linear in: mass, mass times centre, inertia about joint 3.
 pub const LOAD_UNKNOWNS: usize = 4;
-/// f1..f9, viscous and Coulomb friction of both joints.
-pub const MODEL_UNKNOWNS: usize = PARAMETERS + 4;
+/// f1..f9, viscous and Coulomb friction of both joints, the delay of the commands.
+pub const MODEL_UNKNOWNS: usize = PARAMETERS + 5;
+/// Which of them the delay is.
+const DELAY: usize = PARAMETERS + 4;
+/// Standard error of the delay in s: what the robot file says of it is as much a guess about the amplifier as the time that
+/// the board takes. Held fast where it is off by that much, it would pass for centre and inertia of the load, at many of
+/// their standard errors.
+const DELAY_ERROR_S: f32 = 20e-6;
 /// Positions and velocities at the first row.
 pub const STATE_UNKNOWNS: usize = 4;
 /// All that is not known exactly beside the load.
@@ -52,12 +62,21 @@ pub struct Shown {
 /// The replicas.
 #[derive(Clone, Debug)]
 pub struct Bundle {
+    /// The one that takes each row by itself.
+    state: State<f32>,
+    /// Those that take two rows in a step: with everything as assumed, and with each unknown moved.
     states: [State<f32>; UNKNOWNS + 1],
     /// With everything as it is assumed.
     plant: Plant<f32>,
+    /// The delay of the commands that is assumed, s.
+    delay_s: f32,
     /// By how much each of the load's four is moved.
     steps: [f32; LOAD_UNKNOWNS],
     previous_torque_nm: Option<[f32; 2]>,
+    /// The torques before and at the first of two rows, while the second is awaited.
+    first_torque_nm: Option<[[f32; 2]; 2]>,
+    /// What the first of two rows showed of each unknown.
+    sensitivity: [[f32; UNKNOWNS]; 2],
 }
 
 impl Bundle {
@@ -72,11 +91,16 @@ impl Bundle {
             coulomb_friction_nm: 0.0,
             torque_offset_nm: 0.0,
         };
+        let state = State { position_rad: [0.0; 2], velocity_rad_s: [0.0; 2] };
         Self {
-            states: [State { position_rad: [0.0; 2], velocity_rad_s: [0.0; 2] }; UNKNOWNS + 1],
+            state,
+            states: [state; UNKNOWNS + 1],
             plant: Plant { arm: Arm { f: [0.0; PARAMETERS], gravity_m_s2: 0.0 }, drives: [drive; 2] },
+            delay_s: 0.0,
             steps: [1.0; LOAD_UNKNOWNS],
             previous_torque_nm: None,
+            first_torque_nm: None,
+            sensitivity: [[0.0; UNKNOWNS]; 2],
         }
     }
 
@@ -94,6 +118,9 @@ impl Bundle {
         let mass_step = 0.1 * setup.settings.maximum_kg;
         self.steps = [mass_step, 0.1 * mass_step, 0.1 * mass_step, 0.05 * mass_step];
         self.previous_torque_nm = None;
+        self.first_torque_nm = None;
+        self.sensitivity = [[0.0; UNKNOWNS]; 2];
+        self.delay_s = setup.command_delay_s + DELAY_ERROR_S * nuisances[DELAY];
         self.plant = Plant { arm: Arm { f: setup.f, gravity_m_s2: setup.gravity_m_s2 }, drives: setup.drives };
         for (unknown, &errors) in nuisances.iter().enumerate().take(MODEL_UNKNOWNS) {
             move_model(&mut self.plant, unknown, errors * model_error(setup, unknown));
@@ -110,6 +137,7 @@ impl Bundle {
             start.velocity_rad_s[joint] =
                 (counts_per_row[joint] + START_SPEED_ERROR_COUNTS * speed) / (per_rad[joint] * setup.period_s);
         }
+        self.state = start;
         self.states = [start; UNKNOWNS + 1];
         for joint in 0..2 {
             let [position, speed] = [MODEL_UNKNOWNS + joint, MODEL_UNKNOWNS + 2 + joint];
@@ -119,60 +147,110 @@ impl Bundle {
         }
     }
 
-    /// What the row shows, and every replica moved on to the next. Bounded time: [`UNKNOWNS`] + 1 steps of the plant.
+    /// What the row shows, the replicas moved on to the next, and how many steps of one that took: bounded, at most
+    /// [`UNKNOWNS`] + 2.
     #[inline(never)]
-    pub fn advance(&mut self, setup: &LoadSetup, row: &LoadRow) -> Shown {
-        let omega = core::f64::consts::TAU as f32 * CORRECTION_HZ as f32;
-        let position_gain = 2.0 * CORRECTION_DAMPING as f32 * omega * setup.period_s;
-        let velocity_gain = omega * omega * setup.period_s;
+    pub fn advance(&mut self, setup: &LoadSetup, row: &LoadRow) -> (Shown, u32) {
         let torque = [0, 1].map(|joint: usize| {
             let code = f32::from(row.command_code[joint]) - f32::from(MID_SCALE);
             setup.drives[joint].motor_torque_nm(code * setup.a_per_code[joint] + setup.offset_a[joint])
         });
-        // The command before acts until the delay is over; the mean has the same impulse.
         let before = self.previous_torque_nm.unwrap_or(torque);
-        let late = setup.command_delay_s / setup.period_s;
-        let held = [0, 1].map(|joint: usize| torque[joint] + late * (before[joint] - torque[joint]));
         self.previous_torque_nm = Some(torque);
 
-        let mut shown = Shown { innovation_counts: [0.0; 2], sensitivity: [[0.0; UNKNOWNS]; 2] };
-        let per_rad = setup.drives.map(|drive| drive.counts_per_rad());
-        let [position_rad, velocity_rad_s] =
-            [position_gain, velocity_gain].map(|gain| per_rad.map(|per_rad| gain / per_rad));
+        let per_rad = self.plant.drives.map(|drive| drive.counts_per_rad());
         let measured = row.counts.map(|count| centre_of_count(count as f32));
+        let innovation_counts = correct(&mut self.state, measured, per_rad, setup.period_s);
+        self.state =
+            self.plant.prepare().step(&self.state, held(before, torque, self.delay_s / setup.period_s), setup.period_s);
+        let mut steps = 1;
+        if let Some([earliest, first]) = self.first_torque_nm.take() {
+            // Over both rows, with the impulse of both.
+            let mean = [0, 1].map(|joint: usize| 0.5 * (first[joint] + torque[joint]));
+            let mean_before = [0, 1].map(|joint: usize| 0.5 * (earliest[joint] + first[joint]));
+            self.step_two_rows(setup, mean_before, mean);
+            steps += UNKNOWNS as u32 + 1;
+        } else {
+            self.first_torque_nm = Some([before, torque]);
+            self.compare(setup, measured, per_rad);
+        }
+        (Shown { innovation_counts, sensitivity: self.sensitivity }, steps)
+    }
+
+    /// What the moved replicas show beside the one that is not, all corrected for the two rows to come.
+    fn compare(&mut self, setup: &LoadSetup, measured: [f32; 2], per_rad: [f32; 2]) {
+        let mut unmoved = [0.0; 2];
+        for (replica, state) in self.states.iter_mut().enumerate() {
+            let moved = replica.checked_sub(1).map(|unknown| (unknown, moved(setup, &self.steps, unknown)));
+            // Known exactly: nothing moves with it.
+            if matches!(moved, Some((_, None))) {
+                continue;
+            }
+            let innovation = correct(state, measured, per_rad, 2.0 * setup.period_s);
+            let Some((unknown, Some((_, units)))) = moved else {
+                unmoved = innovation;
+                continue;
+            };
+            for joint in 0..2 {
+                self.sensitivity[joint][unknown] = (unmoved[joint] - innovation[joint]) / units;
+            }
+        }
+    }
+
+    fn step_two_rows(&mut self, setup: &LoadSetup, before: [f32; 2], torque: [f32; 2]) {
+        let assumed = held(before, torque, self.delay_s / setup.period_s);
         for (replica, state) in self.states.iter_mut().enumerate() {
             let mut plant = self.plant;
-            let mut step = 1.0;
+            let mut torque_nm = assumed;
             if let Some(unknown) = replica.checked_sub(1) {
-                if let Some(index) = unknown.checked_sub(NUISANCES) {
-                    step = self.steps[index];
-                    move_load(&mut plant, setup, index, step);
-                } else if unknown < MODEL_UNKNOWNS {
-                    let error = model_error(setup, unknown);
-                    if error <= 0.0 {
-                        // Known exactly: nothing moves with it.
-                        continue;
+                let Some((by, _)) = moved(setup, &self.steps, unknown) else { continue };
+                match unknown.checked_sub(NUISANCES) {
+                    Some(index) => move_load(&mut plant, setup, index, by),
+                    None if unknown == DELAY => {
+                        torque_nm = held(before, torque, (self.delay_s + by) / setup.period_s);
                     }
-                    let moved = error.max(least_step(setup, unknown));
-                    step = moved / error;
-                    move_model(&mut plant, unknown, moved);
+                    None if unknown < MODEL_UNKNOWNS => move_model(&mut plant, unknown, by),
+                    None => {}
                 }
             }
-            for joint in 0..2 {
-                let innovation = measured[joint] - state.position_rad[joint] * per_rad[joint];
-                state.position_rad[joint] += position_rad[joint] * innovation;
-                state.velocity_rad_s[joint] += velocity_rad_s[joint] * innovation;
-                match replica.checked_sub(1) {
-                    None => shown.innovation_counts[joint] = innovation,
-                    Some(unknown) => {
-                        shown.sensitivity[joint][unknown] = (shown.innovation_counts[joint] - innovation) / step;
-                    }
-                }
-            }
-            *state = plant.prepare().step(state, held, setup.period_s);
+            *state = plant.prepare().step(state, torque_nm, 2.0 * setup.period_s);
         }
-        shown
     }
+}
+
+/// The command before acts until the delay is over; the mean has the same impulse.
+#[inline(always)]
+fn held(before: [f32; 2], torque: [f32; 2], late: f32) -> [f32; 2] {
+    [0, 1].map(|joint: usize| torque[joint] + late * (before[joint] - torque[joint]))
+}
+
+/// Corrects a state by what it did not foresee, which is the answer in counts, for the time until the next correction.
+#[inline(always)]
+fn correct(state: &mut State<f32>, measured_counts: [f32; 2], per_rad: [f32; 2], until_next_s: f32) -> [f32; 2] {
+    let omega = core::f64::consts::TAU as f32 * CORRECTION_HZ as f32;
+    let position_gain = 2.0 * CORRECTION_DAMPING as f32 * omega * until_next_s;
+    let velocity_gain = omega * omega * until_next_s;
+    [0, 1].map(|joint: usize| {
+        let innovation = measured_counts[joint] - state.position_rad[joint] * per_rad[joint];
+        state.position_rad[joint] += position_gain * innovation / per_rad[joint];
+        state.velocity_rad_s[joint] += velocity_gain * innovation / per_rad[joint];
+        innovation
+    })
+}
+
+/// By how much of its unit the replica of an unknown has it moved, and how much that is in what its sensitivity is told for;
+/// `None` where it is known exactly. A state is moved once, at the start.
+#[inline(always)]
+fn moved(setup: &LoadSetup, steps: &[f32; LOAD_UNKNOWNS], unknown: usize) -> Option<(f32, f32)> {
+    if let Some(&step) = unknown.checked_sub(NUISANCES).and_then(|index| steps.get(index)) {
+        return Some((step, step));
+    }
+    if unknown >= MODEL_UNKNOWNS {
+        return Some((0.0, 1.0));
+    }
+    let error = model_error(setup, unknown);
+    let by = error.max(least_step(setup, unknown));
+    (error > 0.0).then_some((by, by / error))
 }
 
 /// How far one standard error of a nuisance of the model is, in its unit.
@@ -181,7 +259,7 @@ fn model_error(setup: &LoadSetup, unknown: usize) -> f32 {
     match unknown.checked_sub(PARAMETERS) {
         None => settings.f_standard_error[unknown],
         Some(joint @ 0..2) => settings.viscous_standard_error[joint],
-        Some(joint) => settings.coulomb_standard_error.get(joint - 2).copied().unwrap_or(0.0),
+        Some(joint) => settings.coulomb_standard_error.get(joint - 2).copied().unwrap_or(DELAY_ERROR_S),
     }
 }
 
@@ -197,7 +275,8 @@ fn least_step(setup: &LoadSetup, unknown: usize) -> f32 {
         * match unknown.checked_sub(PARAMETERS) {
             None => setup.f.get(unknown).map_or(LEAST_F, |f| f.abs().max(LEAST_F)),
             Some(joint @ 0..2) => drive(joint).map_or(0.0, |drive| drive.viscous_friction_nm_s_per_rad),
-            Some(joint) => drive(joint - 2).map_or(0.0, |drive| drive.coulomb_friction_nm),
+            // In periods for the delay.
+            Some(joint) => drive(joint - 2).map_or(setup.period_s, |drive| drive.coulomb_friction_nm),
         }
 }
 

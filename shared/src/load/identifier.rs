@@ -1,6 +1,6 @@
 //! The three stages as a state machine: rows in, news out, and work in bounded pieces.
 
-use super::bundle::{Bundle, MODEL_UNKNOWNS, NUISANCES, START_ROWS, UNKNOWNS, linear_load};
+use super::bundle::{Bundle, MODEL_UNKNOWNS, NUISANCES, START_ROWS, linear_load};
 use super::learned::Learned;
 use super::prior::gradient;
 use super::quadratic::Quadratic;
@@ -21,8 +21,8 @@ const SETTLED_ERRORS: f64 = 0.3;
 const SETTLED_SHARE: f64 = 0.05;
 /// Rows replayed with each that arrives: the first are behind, because the speed at the start takes some to be known.
 const ROWS_PER_ROW: usize = 2;
-/// Rows replayed in one piece of work: some 0.3 ms on the board, whose other tasks wait meanwhile.
-const ROWS_PER_PIECE: usize = 1;
+/// Rows replayed in one piece of work: a step of all replicas, some 0.3 ms on the board, whose other tasks wait meanwhile.
+const ROWS_PER_PIECE: usize = 2;
 /// What the parts of a search cost, in steps of a replica: one unknown eliminated on average, a generation, and what comes
 /// before and after each search.
 const ELIMINATION_STEPS: u32 = 12;
@@ -291,13 +291,15 @@ impl Identifier {
         rows: usize,
     ) -> (usize, [i32; 2], u32) {
         let end = (next + rows).min(self.window.len());
+        let mut replica_steps = 0;
         for index in next..end {
             let row = self.window.row(index, counts);
             counts = row.counts;
-            let shown = self.bundle.advance(setup, &row);
+            let (shown, steps) = self.bundle.advance(setup, &row);
             self.quadratic.add(&shown);
+            replica_steps += steps;
         }
-        (end, counts, (end - next) as u32 * (UNKNOWNS as u32 + 1))
+        (end, counts, replica_steps)
     }
 
     /// Starts the bundle over the rows collected once more.
@@ -438,10 +440,9 @@ impl Identifier {
             self.bundle.start(setup, linear_load(&self.about), &self.nuisances, row.counts, speed);
             self.watch.restart();
         }
-        let shown = self.bundle.advance(setup, row);
+        let (shown, mut replica_steps) = self.bundle.advance(setup, row);
         let direction = gradient(&self.about).map(|row| row[0] as f32);
         self.watch.add(&shown, &direction);
-        let mut replica_steps = UNKNOWNS as u32 + 1;
         if !self.watch.is_due() {
             return Piece { news: None, replica_steps };
         }
