@@ -3,19 +3,13 @@
 
 use std::time::{Duration, Instant};
 
-use shared::arm::{Load, PARAMETERS};
+use shared::arm::PARAMETERS;
 use shared::load::{Identifier, LoadEstimate, LoadNews, LoadRow, LoadSettings, LoadSetup};
 use shared::protocol::{CurrentScale, LoadReport, Reply, Request, Sample};
 
 use crate::client::{Client, ClientError, MovementWatcher};
 use crate::model::Model;
-use crate::robot::Robot;
-
-/// Where the gripper holds a load, in frame 3, m: at the end of the forearm, where the reference robot has its tool.
-pub const GRASP_M: [f64; 2] = [-0.02, -0.53];
-
-/// Largest mass the paper's robot is taken to carry, kg.
-pub const MAXIMUM_KG: f64 = 2.5;
+use crate::robot::{Gripper, Robot};
 
 /// Standard error of a model's parameter that the model does not state, as a share of it.
 const UNSTATED_ERROR: f64 = 0.01;
@@ -24,14 +18,12 @@ const UNSTATED_ERROR: f64 = 0.01;
 /// tell, would leave every load open that this parameter resembles.
 const LARGEST_ERROR: f64 = 0.3;
 
-/// A load of `mass_kg` in the gripper.
-pub fn held(mass_kg: f64) -> Load<f64> {
-    Load { mass_kg, centre_m: GRASP_M, inertia_kg_m2: 0.0 }
-}
+/// How far from the axis of joint 3 a load's centre may be at most, in distances of the grasp, and at least, m.
+const REACH: f64 = 2.0;
+const LEAST_REACH_M: f64 = 0.1;
 
-/// Settings for loads of at most `maximum_kg` held at `centre_m`, with the standard errors of `model`: a share of 1 % where
-/// it states none.
-pub fn settings(robot: &Robot, model: &Model, maximum_kg: f64, centre_m: [f64; 2]) -> LoadSettings {
+/// Settings for loads in `gripper`, with the standard errors of `model`: a share of 1 % where it states none.
+pub fn settings(robot: &Robot, model: &Model, gripper: &Gripper) -> LoadSettings {
     let error = |value: f64, stated: Option<f64>| {
         stated.unwrap_or(UNSTATED_ERROR * value.abs()).clamp(0.0, LARGEST_ERROR * value.abs().max(1e-3)) as f32
     };
@@ -43,11 +35,17 @@ pub fn settings(robot: &Robot, model: &Model, maximum_kg: f64, centre_m: [f64; 2
     };
     let f: [f32; PARAMETERS] =
         std::array::from_fn(|index| error(model.f[index], model.f_standard_error.map(|errors| errors[index])));
+    let [x, y] = gripper.grasp_m;
     LoadSettings {
         f_standard_error: f,
         viscous_standard_error: pair(&model.viscous_nm_s_per_rad, &model.viscous_standard_error),
         coulomb_standard_error: pair(&model.coulomb_nm, &model.coulomb_standard_error),
-        ..LoadSettings::known_grasp(maximum_kg as f32, robot.upper_arm_m as f32, centre_m.map(|value| value as f32))
+        reach_m: (REACH * x.hypot(y)).max(LEAST_REACH_M) as f32,
+        ..LoadSettings::known_grasp(
+            gripper.maximum_load_kg as f32,
+            robot.upper_arm_m as f32,
+            gripper.grasp_m.map(|value| value as f32),
+        )
     }
 }
 

@@ -107,7 +107,7 @@ impl Interview {
     /// Nothing has been asked yet.
     pub fn new() -> Self {
         let link = Link { mass_kg: 1.0, centre_m: [0.0, 0.0], inertia_kg_m2: 0.1, motor_inertia_kg_m2: 1e-4 };
-        let mut robot = Robot::paper();
+        let mut robot = Robot { gripper: None, ..Robot::paper() };
         for joint in &mut robot.joints {
             // Nothing of the paper's robot is taken for granted: a joint begins without direction, friction or limits that
             // would bind.

@@ -2,6 +2,7 @@
 
 mod computed_torque;
 mod file;
+mod gripper;
 mod identity;
 mod stability;
 
@@ -14,6 +15,7 @@ use shared::trajectory::MotionLimits;
 
 use crate::file_error::FileError;
 
+pub use gripper::Gripper;
 pub use stability::UnsafeGain;
 
 /// Everything known about a robot beforehand.
@@ -51,6 +53,8 @@ pub struct Robot {
     pub current_is_command: bool,
     /// The joints, in the order of the recording's columns.
     pub joints: Vec<Joint>,
+    /// What the arm may carry, and where; unknown where the file of another arm than the reference robot does not give it.
+    pub gripper: Option<Gripper>,
     /// Bandwidths of computed torque.
     pub computed_torque: ComputedTorqueSettings<f64>,
     /// Search range of f1..f9: `[low, high]`.
@@ -255,6 +259,7 @@ impl Robot {
             quantised: true,
             current_is_command: false,
             joints: vec![joint(0, "2", 107.8, 800.0, 0.817e-3, 0.124), joint(1, "3", -53.7, 1000.0, 1.38e-3, 0.146)],
+            gripper: Some(Gripper::REFERENCE),
             computed_torque: ComputedTorqueSettings::at_record_period(),
             search: default_search(),
         }
@@ -335,6 +340,9 @@ impl Robot {
         self.check_joint_names()?;
         for (index, joint) in self.joints.iter().enumerate() {
             joint.check(|field, value, good, limit, remedy| check(Some(index), field, value, good, limit, remedy))?;
+        }
+        if let Some(gripper) = &self.gripper {
+            gripper.check()?;
         }
         computed_torque::check(&self.computed_torque)?;
         for [low, high] in self.search {

@@ -11,11 +11,10 @@ use armid::compensation;
 use armid::hidden_robot::HiddenRobot;
 use armid::journal::{self, Journal};
 use armid::link::{self, Address, LoadChange, SimulatedBoard};
-use armid::load;
 use armid::margins::ArmLoop;
 use armid::model::{Effect, Model};
 use armid::recording::{Manifest, ReadOptions, Recording};
-use armid::robot::Robot;
+use armid::robot::{Gripper, Robot};
 use armid::trajectory_file;
 use clap::Args;
 use shared::protocol::Configuration;
@@ -107,15 +106,26 @@ impl BoardArguments {
                 return Err(CommandError::Usage(format!("{option} is for a simulated board; add --board sim")));
             }
             let hidden = with_effects(HiddenRobot::draw(robot, self.seed), &self.effects, robot)?;
-            let carried = load::held(self.simulated_load_kg()?);
+            let gripper = self.simulated_gripper(robot)?;
+            let carried = gripper.holding(self.simulated_load_kg()?);
             let board = SimulatedBoard::new(robot, hidden, self.seed);
             let board = match taken_up_at_s {
-                Some(at_s) => board.with_load(load::held(0.0), &[LoadChange { at_s, load: carried }]),
+                Some(at_s) => board.with_load(gripper.holding(0.0), &[LoadChange { at_s, load: carried }]),
                 None => board.with_load(carried, &[]),
             };
             return Ok(Client::connect(Box::new(board))?);
         }
         Ok(Client::connect(link::open(&address, robot, self.seed)?)?)
+    }
+
+    fn simulated_gripper(&self, robot: &Robot) -> Result<Gripper, CommandError> {
+        if self.load_kg.is_some() && robot.gripper.is_none() {
+            return Err(CommandError::Usage(
+                "--load-kg needs a robot file that says where a load is held: add [gripper] with maximum_load_kg and grasp_m"
+                    .into(),
+            ));
+        }
+        Ok(robot.gripper.unwrap_or(Gripper::REFERENCE))
     }
 
     fn simulated_load_kg(&self) -> Result<f64, CommandError> {

@@ -8,7 +8,7 @@ use armid::load::{self, HostIdentifier, Listener, Told};
 use armid::model::Model;
 use armid::recording::{Mode, Recording};
 use armid::report::{self, Cell, FileRole, Section, Table};
-use armid::robot::Robot;
+use armid::robot::{Gripper, Robot};
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use shared::load::{LONGEST_COLLECTION_ROWS, LoadEstimate, LoadNews, LoadSettings, Rejected, Waiting};
@@ -69,12 +69,12 @@ pub struct LoadCommand {
 /// What is known of the load.
 #[derive(Clone, Debug, Args)]
 pub struct LoadArguments {
-    /// Largest mass the arm may carry, kg
-    #[arg(long, value_name = "KG", default_value_t = load::MAXIMUM_KG)]
-    maximum_kg: f64,
-    /// Centre of mass of a load in the gripper, X,Y in frame 3, m
-    #[arg(long, value_name = "X,Y", allow_hyphen_values = true, default_value = "-0.02,-0.53")]
-    grasp: Point,
+    /// Largest mass the arm may carry, kg, if not maximum_load_kg of the robot file's [gripper]
+    #[arg(long, value_name = "KG")]
+    maximum_kg: Option<f64>,
+    /// Centre of mass of a load in the gripper, X,Y in frame 3, m, if not grasp_m of the robot file's [gripper]
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    grasp: Option<Point>,
     /// Standard error of that centre, m; 0 where it is known
     #[arg(long, value_name = "METRES", default_value_t = 0.0)]
     centre_error: f64,
@@ -110,6 +110,20 @@ impl std::str::FromStr for Point {
 }
 
 impl LoadArguments {
+    /// The gripper of the options, or else of the robot file.
+    fn gripper(&self, robot: &Robot) -> Result<Gripper, CommandError> {
+        let maximum = self.maximum_kg.or(robot.gripper.map(|gripper| gripper.maximum_load_kg));
+        let grasp = self.grasp.map(|grasp| grasp.0).or(robot.gripper.map(|gripper| gripper.grasp_m));
+        match (maximum, grasp) {
+            (Some(maximum_load_kg), Some(grasp_m)) => Ok(Gripper { maximum_load_kg, grasp_m }),
+            _ => Err(CommandError::Usage(format!(
+                "the robot file of \"{}\" does not say what the arm may carry: add [gripper] with maximum_load_kg and grasp_m, \
+                 or give --maximum-kg and --grasp",
+                robot.name
+            ))),
+        }
+    }
+
     /// The settings for the board, checked.
     fn settings(&self, robot: &Robot, model: &Model, place: Place) -> Result<LoadSettings, CommandError> {
         let rows = (self.collect / robot.record_period_s).round();
@@ -125,7 +139,7 @@ impl LoadArguments {
             collect_rows: rows as u16,
             centre_standard_error_m: self.centre_error as f32,
             inertia_standard_error_kg_m2: self.inertia_error as f32,
-            ..load::settings(robot, model, self.maximum_kg, self.grasp.0)
+            ..load::settings(robot, model, &self.gripper(robot)?)
         };
         settings.check().map_err(|error| CommandError::Usage(error.to_string()))?;
         Ok(settings)
@@ -144,6 +158,7 @@ enum Place {
 impl LoadCommand {
     pub fn run(&self) -> Result<(), CommandError> {
         let robot = self.robot.read_for_motion()?;
+        self.load.gripper(&robot)?;
         let movement = self.trajectory.prepare(&robot)?;
         let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
         let outputs = with_sidecars(self.out.as_slice());
@@ -215,7 +230,7 @@ impl LoadCommand {
             let carried = page::load::Carried {
                 robot: &robot,
                 told: &page::load::from_first_row(&told),
-                maximum_kg: self.load.maximum_kg,
+                maximum_kg: f64::from(settings.maximum_kg),
                 carried: None,
                 runs: &runs,
                 errors: report::tracking_pictures(&robot, &runs),

@@ -9,7 +9,7 @@ use shared::arm::{PUMA_UPPER_ARM_M, REFERENCE_F};
 use shared::control::{ComputedTorqueSettings, PositionLoop};
 use toml::Spanned;
 
-use super::{DEFAULT_FULL_SCALE_A, Joint, JointLimits, Kind, Law, Robot, Unit, default_search};
+use super::{DEFAULT_FULL_SCALE_A, Gripper, Joint, JointLimits, Kind, Law, Robot, Unit, default_search};
 use crate::atomic;
 use crate::file_error::{FileError, Problem};
 use crate::toml_text::TomlText;
@@ -36,6 +36,7 @@ struct RawRobot {
     #[serde(default)]
     current_is_command: bool,
     joint: Vec<RawJoint>,
+    gripper: Option<RawGripper>,
     #[serde(default)]
     computed_torque: RawComputedTorque,
     #[serde(default)]
@@ -95,6 +96,13 @@ struct RawJoint {
     position_high_rad: Number,
     speed_limit_rad_s: Number,
     acceleration_limit_rad_s2: Number,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawGripper {
+    maximum_load_kg: Spanned<f64>,
+    grasp_m: Spanned<[f64; 2]>,
 }
 
 #[derive(Default, Deserialize)]
@@ -241,6 +249,12 @@ impl Reader<'_> {
         })
     }
 
+    fn gripper(&mut self, raw: &RawGripper) -> Gripper {
+        self.places.0.insert((None, "maximum_load_kg"), raw.maximum_load_kg.span().start);
+        self.places.0.insert((None, "grasp_m"), raw.grasp_m.span().start);
+        Gripper { maximum_load_kg: *raw.maximum_load_kg.get_ref(), grasp_m: *raw.grasp_m.get_ref() }
+    }
+
     fn computed_torque(&mut self, raw: &RawComputedTorque) -> ComputedTorqueSettings<f64> {
         let default = ComputedTorqueSettings::at_record_period();
         let mut value = |field, raw: &Number, default: f64| self.optional(None, field, raw).unwrap_or(default);
@@ -305,10 +319,11 @@ fn parse(text: &TomlText<'_>) -> Result<(Robot, Places), FileError> {
     let joints =
         raw.joint.iter().enumerate().map(|(index, raw)| reader.joint(index, raw, unit)).collect::<Result<_, _>>()?;
     let search = reader.search(&raw.search)?;
+    let gripper = raw.gripper.as_ref().map(|raw| reader.gripper(raw));
     let computed_torque = reader.computed_torque(&raw.computed_torque);
     let record_period_s = *raw.record_period_s.get_ref();
     reader.places.0.insert((None, "record_period_s"), raw.record_period_s.span().start);
-    let robot = Robot {
+    let mut robot = Robot {
         name: raw.name,
         kind,
         unit,
@@ -326,9 +341,13 @@ fn parse(text: &TomlText<'_>) -> Result<(Robot, Places), FileError> {
         quantised: raw.quantised,
         current_is_command: raw.current_is_command,
         joints,
+        gripper,
         computed_torque,
         search,
     };
+    if robot.gripper.is_none() && robot.kind == Kind::TwoLink && robot.expected_f() == REFERENCE_F {
+        robot.gripper = Some(Gripper::REFERENCE);
+    }
     robot.check().map_err(|error| {
         let offset = reader.places.0.get(&(error.joint, error.field)).copied();
         let joint = error.joint.and_then(|index| robot.joints.get(index));
@@ -469,6 +488,10 @@ pub(super) fn to_toml(robot: &Robot) -> String {
         line("position_high_rad", number(joint.limits.position_high_rad));
         line("speed_limit_rad_s", number(joint.limits.speed_rad_s));
         line("acceleration_limit_rad_s2", number(joint.limits.acceleration_rad_s2));
+    }
+    if let Some(Gripper { maximum_load_kg, grasp_m: [x, y] }) = robot.gripper {
+        line("\n[gripper]\nmaximum_load_kg", number(maximum_load_kg));
+        line("grasp_m", format!("[{x:?}, {y:?}]"));
     }
     let torque = &robot.computed_torque;
     line("\n[computed_torque]\nbandwidth_rad_s", number(torque.bandwidth_rad_s));

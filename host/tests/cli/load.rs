@@ -91,6 +91,11 @@ fn wrong_settings_are_refused_with_their_limits() {
     refused("--collect 5", &["--collect 5", "1500"]);
     refused("--maximum-kg 0", &["MaximumMass"]);
     refused("--grasp nowhere", &["two lengths"]);
+    bench.done("new-robot --example direct-drive-double-pendulum --out pendulum.toml");
+    let pendulum = "load --board sim --robot pendulum.toml";
+    bench.refused(USAGE, &format!("{pendulum} --maximum-kg 1"), &["[gripper]", "maximum_load_kg", "--grasp"]);
+    let options = "--maximum-kg 1 --grasp 0,-0.2 --load-kg 0.5";
+    bench.refused(USAGE, &format!("{pendulum} {options}"), &["--load-kg", "[gripper]"]);
     refused("--load-kg 99", &["--load-kg 99", "10 kg"]);
     bench.refused(USAGE, "load --board usb --model truth.toml --load-kg 1", &["--load-kg is for a simulated board"]);
     bench.spoil("robot.toml", "fast.toml", |text| text.replace("loop_period_s = 0.0007", "loop_period_s = 0.00035"));

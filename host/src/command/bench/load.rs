@@ -12,7 +12,7 @@ use armid::link::{LoadChange, SimulatedBoard};
 use armid::load::{self, Listener, Told};
 use armid::model::Model;
 use armid::random::Random;
-use armid::robot::Robot;
+use armid::robot::{Gripper, Robot};
 use armid::trajectory_file;
 use clap::Args;
 use rayon::prelude::*;
@@ -72,7 +72,7 @@ impl Load {
             .par_iter()
             .map(|&seed| {
                 let mut random = Random::new(seed, 7);
-                let mass_kg = random.between(0.0, load::MAXIMUM_KG);
+                let mass_kg = random.between(0.0, Gripper::REFERENCE.maximum_load_kg);
                 let at_s = random.between(PICKED_BETWEEN_S[0], PICKED_BETWEEN_S[1]);
                 let at_rest = if self.differential { None } else { Some(pick(&robot, seed, mass_kg, 0.0, false)?) };
                 bar.inc(1);
@@ -115,7 +115,7 @@ impl Load {
         }
         let mut lines = vec![format!(
             "loads of 0 to {} kg, f off by up to {:.0} %, friction by up to {:.0} %, seeds {} to {}",
-            load::MAXIMUM_KG,
+            Gripper::REFERENCE.maximum_load_kg,
             100.0 * F_SHARE,
             100.0 * FRICTION_SHARE,
             self.seed,
@@ -164,11 +164,11 @@ fn board(
 ) -> Result<(Client, Model), CommandError> {
     let hidden = HiddenRobot::draw(robot, seed);
     let model = wrong_model(&hidden, seed);
-    let board = SimulatedBoard::new(robot, hidden, seed).with_load(load::held(from_start_kg), changes);
+    let board = SimulatedBoard::new(robot, hidden, seed).with_load(Gripper::REFERENCE.holding(from_start_kg), changes);
     let mut client = Client::connect_from(Box::new(board), 1)?;
     client.prepare(&armid::board_setup::configuration(robot)?, Pose::DefaultsTo([0.0; 2]), false)?;
     client.upload(&board_model(robot, &model)?)?;
-    let settings = load::settings(robot, &model, load::MAXIMUM_KG, load::GRASP_M);
+    let settings = load::settings(robot, &model, &Gripper::REFERENCE);
     client.identify_load(&LoadSettings { differential, ..settings })?;
     Ok((client, model))
 }
@@ -198,7 +198,8 @@ fn paper(period_s: f64) -> Result<Trajectory, CommandError> {
 
 /// How often a change was seen where there was none.
 fn quiet(robot: &Robot, seed: u64, movements: u64, differential: bool) -> Result<usize, CommandError> {
-    let mass_kg = if differential { 0.0 } else { Random::new(seed, 7).between(0.0, load::MAXIMUM_KG) };
+    let mass_kg =
+        if differential { 0.0 } else { Random::new(seed, 7).between(0.0, Gripper::REFERENCE.maximum_load_kg) };
     let (mut client, _) = board(robot, seed, mass_kg, &[], differential)?;
     let trajectory = paper(QUIET_PERIOD_S)?;
     let mut triggers = 0;
@@ -226,7 +227,7 @@ struct Pick {
 
 fn pick(robot: &Robot, seed: u64, mass_kg: f64, at_s: f64, differential: bool) -> Result<Pick, CommandError> {
     let moving = at_s > 0.0;
-    let change = [LoadChange { at_s, load: load::held(mass_kg) }];
+    let change = [LoadChange { at_s, load: Gripper::REFERENCE.holding(mass_kg) }];
     let (from_start_kg, changes): (f64, &[LoadChange]) = if moving { (0.0, &change) } else { (mass_kg, &[]) };
     let (mut client, model) = board(robot, seed, from_start_kg, changes, differential)?;
     let trajectory = paper(PERIOD_S)?;
@@ -266,8 +267,8 @@ fn pick(robot: &Robot, seed: u64, mass_kg: f64, at_s: f64, differential: bool) -
 /// The rival: one unknown, updated row by row. The arm is taken to move as its reference, which it does within a few counts.
 fn recursive_least_squares(robot: &Robot, model: &Model, trajectory: &Trajectory, rows: &[Sample]) -> f64 {
     let arm = model.arm(robot);
-    let per_kg = Arm { f: load::held(1.0).delta_f(robot.upper_arm_m), ..arm };
-    let (mut mass_kg, mut variance) = (0.5 * load::MAXIMUM_KG, 1.0e3);
+    let per_kg = Arm { f: Gripper::REFERENCE.holding(1.0).delta_f(robot.upper_arm_m), ..arm };
+    let (mut mass_kg, mut variance) = (0.5 * Gripper::REFERENCE.maximum_load_kg, 1.0e3);
     let mut previous_code: Option<[u16; 2]> = None;
     for sample in rows {
         // The command in force between this row and the next, and the motion half-way.

@@ -9,7 +9,7 @@ use armid::recording::{Mode, Recording};
 use armid::report::{
     self, Assumed, Cell, FileRole, Ink, Line, Picture, Section, Table, assumed_load, staircase, thinned,
 };
-use armid::robot::Robot;
+use armid::robot::{Gripper, Robot};
 use clap::Args;
 use serde_json::json;
 use shared::load::LoadNews;
@@ -66,10 +66,10 @@ impl LoadDemo {
         let hidden = HiddenRobot::draw(&robot, seed);
         let configuration = armid::board_setup::configuration(&robot)?;
         let changes = [
-            LoadChange { at_s: PICKED_AT_S, load: load::held(mass_kg) },
-            LoadChange { at_s: DROPPED_AT_S, load: load::held(0.0) },
+            LoadChange { at_s: PICKED_AT_S, load: Gripper::REFERENCE.holding(mass_kg) },
+            LoadChange { at_s: DROPPED_AT_S, load: Gripper::REFERENCE.holding(0.0) },
         ];
-        let board = SimulatedBoard::new(&robot, hidden, seed).with_load(load::held(0.0), &changes);
+        let board = SimulatedBoard::new(&robot, hidden, seed).with_load(Gripper::REFERENCE.holding(0.0), &changes);
         let mut client = Client::connect(Box::new(board))?;
         client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false)?;
 
@@ -85,14 +85,14 @@ impl LoadDemo {
         let (unaware, _) = self.movement(&mut client, &robot, "unaware.csv")?;
 
         advise("3/3 the same with the identification on the board");
-        client.identify_load(&load::settings(&robot, &model, load::MAXIMUM_KG, load::GRASP_M))?;
+        client.identify_load(&load::settings(&robot, &model, &Gripper::REFERENCE))?;
         let (aware, told) = self.movement(&mut client, &robot, "aware.csv")?;
 
         let duration_s = aware.samples() as f64 * robot.record_period_s;
         let mut pictures = vec![Picture {
             title: "mass carried (orange) and assumed by computed torque (blue)".into(),
             ..assumed_load(
-                &Assumed::course(load::MAXIMUM_KG, &told),
+                &Assumed::course(Gripper::REFERENCE.maximum_load_kg, &told),
                 duration_s,
                 Some(carried_course(mass_kg, duration_s)),
             )
@@ -123,7 +123,7 @@ impl LoadDemo {
         let carried = page::load::Carried {
             robot,
             told,
-            maximum_kg: load::MAXIMUM_KG,
+            maximum_kg: Gripper::REFERENCE.maximum_load_kg,
             carried: Some(carried_course(mass_kg, duration_s)),
             runs: &runs,
             errors: errors(robot, &unaware.recording, &aware.recording),
