@@ -50,8 +50,10 @@ pub use storage::*;
 /// What a board is switched on with.
 #[derive(Clone, Debug)]
 pub struct Setup {
-    /// The drives, and the loop period the arm is simulated for; the robot behind them is always [`hidden`].
+    /// The drives, and the loop period the arm is simulated for.
     pub robot: Robot,
+    /// Seed of the arm behind the drives, drawn within ±10 % of the one to expect; without it, it is [`hidden`].
+    pub arm: Option<u64>,
     /// What that robot has beyond its parameters.
     pub effects: Vec<Effect>,
     /// What its memory for parameters holds. Not to be used for a second board: the first may have written to it.
@@ -61,14 +63,15 @@ pub struct Setup {
 impl Default for Setup {
     /// The paper's robot and no parameters.
     fn default() -> Self {
-        Self { robot: robot(), effects: Vec::new(), flash: MemoryFlash::default() }
+        Self { robot: robot(), arm: None, effects: Vec::new(), flash: MemoryFlash::default() }
     }
 }
 
 impl Setup {
     /// The robot behind the drives.
     pub fn hidden(&self) -> HiddenRobot {
-        hidden().with_effects(&self.effects, &self.robot).expect("effects that can be")
+        let arm = self.arm.map_or_else(hidden, |seed| HiddenRobot::draw(&self.robot, seed));
+        arm.with_effects(&self.effects, &self.robot).expect("effects that can be")
     }
 }
 
@@ -143,6 +146,7 @@ macro_rules! test_every_scenario {
             the_position_loop_runs_in_time_at_every_period
             computed_torque_runs_in_time_at_every_period
             identified_over_the_wire_the_arm_is_tracked_to_the_count
+            movements_never_used_for_identification_are_tracked_to_the_count_on_every_arm
             damaged_frames_change_nothing_and_are_counted
             old_frames_are_not_carried_out_again
             frames_of_another_version_are_answered_and_do_nothing
