@@ -152,7 +152,9 @@ fn gain(
     let predicted: Vec<f64> = (0..error.len())
         .map(|k| law.gain_a_per_count * (error[k] + law.lead * (error[k] - error[k.saturating_sub(1)])))
         .collect();
-    let largest = predicted.iter().fold(0.0_f64, |m, x| m.max(x.abs())).min(robot.current_limit_a);
+    let most = |of: &[f64]| of.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    // A current can be at an end that nobody knows of, far below the amplifier's.
+    let largest = most(&predicted).min(robot.current_limit_a).min(most(seen));
     let mut normal = DMatrix::<f64>::zeros(4, 4);
     let mut right = DVector::<f64>::zeros(4);
     for k in 2..error.len() {
@@ -206,4 +208,45 @@ pub fn current_sigma(experiment: &Experiment) -> Option<[f64; 2]> {
         // The median of a normal difference of two samples is 0.6745·√2 of one's deviation.
         (*median / (0.674_5 * std::f64::consts::SQRT_2)).max(0.002)
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::Robot;
+
+    /// A joint that is 400 counts behind at most, under an amplifier that gives `limit_a` where the robot file says 12 A, with
+    /// `gain` times the gain of the robot file.
+    fn audited(limit_a: f64, gain_share: f64) -> Result<(), AuditError> {
+        let robot = Robot::paper();
+        let Law::Proportional(law) = robot.joints[0].law else { panic!("a position loop") };
+        let samples = 2000;
+        let swing = |k: usize| (k as f64 * 0.0126).sin();
+        let error: Vec<f64> = (0..samples).map(|k| (400.0 * swing(k)).trunc()).collect();
+        let current =
+            |k: usize| (gain_share * law.gain_a_per_count * error[k.saturating_sub(1)]).clamp(-limit_a, limit_a);
+        let current: Vec<f64> = (0..samples).map(current).collect();
+        let recording = Recording {
+            path: "early.csv".into(),
+            tick: (0..samples as u32).collect(),
+            reference_counts: vec![(0..samples).map(|k| 9000.0 * swing(k) + error[k]).collect(); 2],
+            error_counts: vec![error; 2],
+            current_a: vec![current; 2],
+            command_a: None,
+            added_torque: None,
+            manifest: None,
+            notes: Vec::new(),
+        };
+        let experiment = Experiment::new(&robot, std::slice::from_ref(&recording)).expect("a recording");
+        gain(&experiment, &recording, 0, &robot.joints[0])
+    }
+
+    /// Where nothing but the measured current says what the amplifier did, its own end may be far below the robot file's.
+    #[test]
+    fn a_current_that_ends_early_is_no_wrong_gain() {
+        for limit_a in [3.0, 4.5, 8.0] {
+            assert_eq!(audited(limit_a, 1.0), Ok(()), "{limit_a} A");
+            assert!(matches!(audited(limit_a, 0.8), Err(AuditError::WrongGain { .. })), "{limit_a} A");
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::engine::{Engine, Fitted, Free};
-use super::held_out::adapted;
+use super::held_out::{adapted, kept_back_floor};
 use super::hypothesis::Hypothesis;
 use super::instance::Instance;
 use super::linear::Base;
@@ -11,7 +11,7 @@ use super::noise::{self, Noise};
 use super::screen::{self, Scored};
 use super::shortlist::{SAME_GAP, class, shortlist};
 use super::threshold::kept_null_scores;
-use super::verdict::{Decision, MOST_NAMED, Rounds, Verdict, priors_complain};
+use super::verdict::{CLOSED, Decision, MOST_NAMED, Rounds, Verdict, priors_complain};
 use crate::identify::Columns;
 
 /// Effects that are looked for at most.
@@ -43,7 +43,7 @@ const MOST_TORQUE_NOISE: f64 = 0.035;
 const ENOUGH: f64 = 1.02;
 /// Where the gap is closed this far, one more effect has to bring this share of what the ones before brought: every
 /// model is a little wrong, and what that leaves always resembles something.
-const NEARLY_CLOSED: f64 = 1.05;
+const NEARLY_CLOSED: f64 = 1.25;
 const MORE: f64 = 0.01;
 /// How often noise and model are found anew from each other after an effect is taken.
 const TURNS: usize = 3;
@@ -111,7 +111,7 @@ impl Case<'_> {
         let mut null_innovations = Columns::new();
         let (mut null_score, mut threshold) = (0.0, f64::INFINITY);
         let white: Noise = flat;
-        let mut most_gap = f64::INFINITY;
+        let (mut most_gap, mut noise_gap) = (f64::INFINITY, f64::INFINITY);
         let mut first: Option<(Fitted, Accepted, Noise)> = None;
         for round in 0..=MOST_EFFECTS {
             let innovations = train.innovations(&current.hypothesis);
@@ -172,7 +172,15 @@ impl Case<'_> {
                 let reached = self.judging_gap(&current.hypothesis).min(self.judging_gap(&start));
                 // Near the floor the gap hardly tells; far from it an effect that does not narrow it explains nothing.
                 most_gap = reached * if gap > FAR * floor { 1.0 - SAME_GAP } else { WORSE };
+                noise_gap = CLOSED * self.kept_back_floor(&current.hypothesis, &noise);
             }
+            // Base parameters far from what was known of them imitate another effect still to be found, which recordings
+            // kept back show whatever is taken first: then what closes the gap where it was fitted counts.
+            let bent = round == 0 && priors_complain(train, &current.hypothesis);
+            let closes = |fitted: &Fitted| train.gap(&train.innovations(&fitted.hypothesis)) <= CLOSED * floor;
+            let leads_on = |rival: &Rival, fitted: &Fitted| {
+                rival.delta_bic >= threshold && (rival.held_out_gap <= most_gap || bent && closes(fitted))
+            };
             let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
             for _ in 0..SHORTLISTS {
                 let starts = shortlist(&base, &features, &scored, threshold, &weights, &confirmed, most);
@@ -184,12 +192,17 @@ impl Case<'_> {
                 confirmed.extend(tried);
                 confirmed.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
                 // What lies further down is looked at only where nothing that leads brings the model nearer.
-                if confirmed.iter().any(|(rival, _)| rival.delta_bic >= threshold && rival.held_out_gap <= most_gap) {
+                if confirmed.iter().any(|(rival, fitted)| leads_on(rival, fitted)) {
                     break;
                 }
             }
             // An effect may weigh more where the noise is small and still lead the model away from the motion.
-            confirmed.retain(|(rival, _)| rival.held_out_gap <= most_gap && rival.delta_bic >= threshold);
+            let any = confirmed.iter().any(|(rival, fitted)| leads_on(rival, fitted));
+            confirmed.retain(|(rival, fitted)| {
+                // Where none does, noise may leave as much of what was kept back, and says nothing against any.
+                let may_be = !any && rival.delta_bic >= threshold && rival.held_out_gap <= noise_gap;
+                (may_be || leads_on(rival, fitted)) && !self.is_first_play(rival, &accepted)
+            });
             if round > 0 && gap <= FAR * floor && !confirmed.is_empty() {
                 // Far from the floor there are others still to be found, and only all of them together narrow it.
                 let reached = self.judging_gap(&current.hypothesis);
@@ -320,6 +333,33 @@ impl Case<'_> {
             Some(check) => check.gap(&check.innovations(&adapted(check, hypothesis, &check_weights(check)))),
             None => self.train.gap(&self.train.innovations(hypothesis)),
         }
+    }
+
+    /// What noise alone may leave of the recordings kept back, or of those fitted without any, in counts rms.
+    fn kept_back_floor(&self, hypothesis: &Hypothesis, noise: &Noise) -> f64 {
+        let Some(check) = &self.check else { return 0.0 };
+        let adapted = adapted(check, hypothesis, &check.weights(noise));
+        kept_back_floor(check, &check.innovations(&adapted), noise)
+    }
+
+    /// Whether a rival is a count that seems to be lost while a joint with backlash has not yet turned round: where in the
+    /// gap the motor stood at the start nobody knows, and its first way through it looks like that.
+    fn is_first_play(&self, rival: &Rival, accepted: &[Accepted]) -> bool {
+        let instance = &rival.instance;
+        let plays = |other: &Accepted| other.name == "backlash" && other.joint == instance.joint;
+        if instance.kind.name != "count-loss" || !accepted.iter().any(plays) {
+            return false;
+        }
+        let period_s = self.train.setting.experiment.robot.record_period_s;
+        self.train.traces.iter().zip(&instance.records).all(|(trace, values)| {
+            let velocity = &trace.velocity_rad_s[instance.joint];
+            let fastest = velocity.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+            let moving = |v: &&f64| v.abs() > 0.1 * fastest;
+            let Some(first) = velocity.iter().find(moving) else { return true };
+            let turned = velocity.iter().position(|v| v * first < 0.0 && v.abs() > 0.1 * fastest);
+            let turned_s = turned.map_or(f64::INFINITY, |sample| sample as f64 * period_s);
+            values.iter().all(|&instant_s| instant_s < turned_s)
+        })
     }
 
     /// Drops accepted effects that the later ones have made superfluous.

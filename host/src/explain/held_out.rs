@@ -5,8 +5,18 @@ use super::engine::{Engine, Free};
 use super::hypothesis::{Baseline, Hypothesis};
 use super::instance::Instance;
 use super::library::{Role, Search};
-use super::noise::JointNoise;
+use super::noise::{self, JointNoise, Noise};
 use super::scan;
+use super::verdict::MOST_TORQUE_NOISE;
+use crate::identify::Columns;
+
+/// What noise like `noise` leaves of recordings with these innovations, counts rms. A few seconds of slow noise are louder or
+/// quieter by chance: it is that of the louder recordings, as far as it can be noise at all.
+pub fn kept_back_floor(check: &Engine, innovations: &Columns, noise: &Noise) -> f64 {
+    let rows = check.setting.rows.of(innovations);
+    let own = noise::most_likely(check.setting.rows, &rows, noise.map(|joint| joint.white_counts2), 0.0);
+    check.floor(noise).max(check.floor(&check.plausible(&own, MOST_TORQUE_NOISE)))
+}
 
 /// Phases that are tried.
 const PHASES: usize = 8;

@@ -4,6 +4,10 @@ use shared::effects::Effects;
 
 use super::library::{Kind, Parameter, Role};
 
+/// Least order of a torque of the motor's own, per turn of it: poles, slots and brushes all repeat at least once a turn. A
+/// little below that, because an order that is fitted scatters.
+const LEAST_MOTOR_ORDER: f64 = 0.8;
+
 /// An effect with values: one that is in a model, or tried.
 #[derive(Clone, Debug)]
 pub struct Instance {
@@ -61,7 +65,7 @@ impl Instance {
     }
 
     /// Whether its size is one that counts as an effect: an encoder loses whole counts, no torque constant is known to a
-    /// thousandth, and a contact has a length.
+    /// thousandth, a contact has a length, and a motor's own torque repeats with its turn, not more slowly.
     pub fn can_be(&self) -> bool {
         let least = match self.kind.name {
             "count-loss" => 0.9,
@@ -71,7 +75,12 @@ impl Instance {
         let lasts = |(parameter, value): (&Parameter, &Option<f64>)| {
             parameter.role != Role::Moment || value.is_none_or(|value| value > parameter.range[0])
         };
+        let of_motor = matches!(self.kind.name, "cogging" | "torque-ripple");
+        let repeats = |(parameter, value): (&Parameter, &Option<f64>)| {
+            !of_motor || parameter.name != "order" || value.is_none_or(|order| order >= LEAST_MOTOR_ORDER)
+        };
         self.common[0].is_none_or(|size| size.abs() >= least)
+            && self.kind.parameters.iter().zip(&self.common).all(repeats)
             && self.kind.parameters.iter().zip(&self.common).all(lasts)
     }
 

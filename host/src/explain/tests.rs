@@ -21,8 +21,12 @@ fn model(robot: &Robot) -> Model {
 }
 
 fn recordings(robot: &Robot, baseline: &Baseline, effects: Vec<Instance>) -> Vec<Recording> {
+    recordings_over([3.65, 5.0, 4.3], robot, baseline, effects)
+}
+
+fn recordings_over(periods_s: [f64; 3], robot: &Robot, baseline: &Baseline, effects: Vec<Instance>) -> Vec<Recording> {
     let truth = Hypothesis { base: baseline.values.of(&baseline.free), named: effects };
-    [3.65, 5.0, 4.3]
+    periods_s
         .into_iter()
         .enumerate()
         .map(|(index, period_s)| {
@@ -33,13 +37,18 @@ fn recordings(robot: &Robot, baseline: &Baseline, effects: Vec<Instance>) -> Vec
 }
 
 fn explained(effects: &[(&str, usize, &[f64])]) -> Explanation {
+    explained_over([3.65, 5.0, 4.3], effects)
+}
+
+/// From movements of the paper of three periods in s, the last kept back.
+fn explained_over(periods_s: [f64; 3], effects: &[(&str, usize, &[f64])]) -> Explanation {
     let robot = Robot::paper();
     let model = model(&robot);
     let baseline = baseline(&robot, &model, true);
     let effect = |(name, joint, values): &(&str, usize, &[f64])| {
         Instance::new(kind(name).or_else(|| strangers::kind_of(name)).expect("an effect"), *joint, values, 1)
     };
-    let recordings = recordings(&robot, &baseline, effects.iter().map(effect).collect());
+    let recordings = recordings_over(periods_s, &robot, &baseline, effects.iter().map(effect).collect());
     let (fitted, check) = recordings.split_at(2);
     let options = Options { seed: 1, design_next: false, kept_thresholds: None };
     explain(&robot, fitted, check, Some(&model), &options, &|_| ()).expect("an explanation")
@@ -162,6 +171,18 @@ fn a_wrong_gain_is_told_and_nothing_named() {
     let options = Options { seed: 1, design_next: false, kept_thresholds: None };
     let refused = explain(&other, &recordings, &[], Some(&model), &options, &|_| ());
     assert!(matches!(refused, Err(ExplainError::Audit(AuditError::WrongGain { .. }))), "{refused:?}");
+}
+
+/// Only the fastest movement, which is kept back, asks for more current than there is.
+#[test]
+fn what_only_the_recording_kept_back_shows_is_named() {
+    let effect = [("current-saturation", 1, &[4.0][..])];
+    let explanation = explained_over([6.0, 5.0, 3.65], &effect);
+    let [finding] = &explanation.effects[..] else { panic!("{:?}", explanation.sentences) };
+    assert_eq!((finding.name, finding.joint.as_str()), ("current-saturation", "3"));
+    assert!((finding.parameters["limit_a"].value - 4.0).abs() < 0.01, "{:?}", finding.parameters);
+    let told = |sentence: &String| sentence.starts_with("only what was to be kept back shows it");
+    assert!(explanation.sentences.iter().any(told), "{:?}", explanation.sentences);
 }
 
 /// A movement that shows little: one joint swings a little, the other hardly.

@@ -2,10 +2,10 @@
 
 use super::decide::{Accepted, Case, Rival};
 use super::engine::{Engine, Fitted, Free};
-use super::held_out::adapted;
+use super::held_out::{adapted, kept_back_floor};
 use super::hypothesis::Hypothesis;
 use super::linear::inner;
-use super::noise::{self, Noise};
+use super::noise::Noise;
 use super::remainder::{Remainder, remainders};
 use crate::identify::Columns;
 
@@ -101,6 +101,14 @@ pub struct Decision {
     pub share: f64,
     /// What is left in each joint: by the final model where its effects count, else by the refit without any.
     pub left: Vec<Remainder>,
+}
+
+impl Decision {
+    /// Whether nothing was found, nothing is wrong with what was fitted, and something is with what was kept back.
+    pub fn shows_elsewhere(&self) -> bool {
+        let wrong = self.held_out.is_some_and(|[_, after]| after > HELD_OUT_CLOSED * self.floor);
+        self.verdict == Verdict::Unknown && self.accepted.is_empty() && wrong && self.after <= CLOSED * self.floor
+    }
 }
 
 /// What recordings kept back say.
@@ -207,11 +215,7 @@ fn held_out(check: &Engine, rounds: &Rounds, noise: &Noise) -> HeldOut {
     let null = adapted(check, &rounds.null.hypothesis, &weights);
     let best_innovations = check.innovations(&best);
     let after = check.gap(&best_innovations);
-    // A few seconds of slow noise are louder or quieter by chance: the floor is that of the louder recordings, as far
-    // as it can be noise at all.
-    let rows = check.setting.rows.of(&best_innovations);
-    let own = noise::most_likely(check.setting.rows, &rows, noise.map(|n| n.white_counts2), 0.0);
-    let floor = check.floor(noise).max(check.floor(&check.plausible(&own, MOST_TORQUE_NOISE)));
+    let floor = kept_back_floor(check, &best_innovations, noise);
     let alone = check.gap(&check.innovations(&null));
     let excess = alone * alone - floor * floor;
     let of_data = |hypothesis: &Hypothesis| {
