@@ -1,4 +1,4 @@
-//! What README.md shows of robots and of other programs, run as it stands there.
+//! What README.md shows, run as it stands there.
 
 use std::process::Command;
 
@@ -6,16 +6,20 @@ use crate::bench::Bench;
 
 const README: &str = include_str!("../../../README.md");
 
-/// The code of `language` in the section `heading`.
-fn code(heading: &str, language: &str) -> String {
-    let section = README.split(&format!("### {heading}\n")).nth(1).expect("the section is there");
-    let block = section.split(&format!("```{language}\n")).nth(1).expect("it has code");
-    block.split("```").next().unwrap().to_string()
+/// The `index`-th piece of code of `language` in the section `heading`.
+fn code(heading: &str, language: &str, index: usize) -> &'static str {
+    let section = README.split(&format!("## {heading}\n")).nth(1).expect("the section is there");
+    let block = section.split(&format!("```{language}\n")).nth(1 + index).expect("it has code");
+    block.split("```").next().unwrap()
 }
 
 /// Runs each command line of a section; those that need somebody to answer or a board are left to `skip`.
 fn run(bench: &Bench, heading: &str, skip: &[&str]) {
-    for line in code(heading, "sh").lines() {
+    run_code(bench, code(heading, "sh", 0), skip);
+}
+
+fn run_code(bench: &Bench, code: &str, skip: &[&str]) {
+    for line in code.lines() {
         let line = line.split(" #").next().unwrap().trim();
         let line = line.split(" > ").next().unwrap().replace("~/", "home/");
         if !skip.contains(&line.as_str()) {
@@ -37,12 +41,48 @@ fn the_commands_for_other_robots_and_programs_do_what_is_shown() {
         assert!(bench.path(file).is_file(), "{file}");
     }
     // The snippet names columns and keys that are there.
-    let snippet = code("To and from other programs", "python");
+    let snippet = code("To and from other programs", "python", 0);
     let header = std::fs::read_to_string(bench.path("swing_si.csv")).unwrap().lines().next().unwrap().to_string();
     for column in ["time_s", "joint_elbow_error_counts"] {
         assert!(snippet.contains(&format!("\"{column}\"")) && header.split(',').any(|name| name == column), "{header}");
     }
     read_with_python(&bench);
+}
+
+#[test]
+fn the_commands_of_the_overview_do_what_is_shown() {
+    let bench = Bench::new();
+    run(&bench, "Using it", &["cargo install --path host"]);
+    assert!(bench.path("gap.html").is_file());
+    run_code(&bench, code("Using it", "sh", 1), &[]);
+    assert!(bench.path("errors.svg").is_file());
+    run(&bench, "Report", &[]);
+    for page in ["report.html", "identified.html", "track.html", "load.html"] {
+        assert!(std::fs::read_to_string(bench.path(page)).unwrap().contains("<svg"), "{page}");
+    }
+}
+
+/// Those that need minutes or a board are not run here, but what they are called and their options are those of the parser.
+#[test]
+fn every_command_named_is_there_with_its_options() {
+    const OPTIONS: &str = include_str!("../../OPTIONS.md");
+    let mut named = 0;
+    let blocks = README.split("```sh\n").skip(1).filter_map(|block| block.split("```").next());
+    for text in README.split('`').chain(blocks.flat_map(str::lines)) {
+        let text = text.split(" #").next().unwrap().replace('\n', " ");
+        let command = ["armid ", "cargo run --release -- "].iter().find_map(|start| text.strip_prefix(start));
+        let Some(command) = command else { continue };
+        let is_name = |word: &&str| word.chars().all(|letter| letter.is_ascii_lowercase() || letter == '-');
+        let words: Vec<&str> = command.split_whitespace().take_while(is_name).take(2).collect();
+        let section = |words: &[&str]| OPTIONS.split(&format!("## `armid {}`\n", words.join(" "))).nth(1);
+        let table = section(&words).or_else(|| section(words.get(..1)?)).unwrap_or_else(|| panic!("no {command}"));
+        let table = table.split("\n## ").next().unwrap();
+        for option in command.split_whitespace().filter(|word| word.starts_with("--") && *word != "--help") {
+            assert!(table.contains(&format!("| `{option}")), "{command}: no {option}");
+        }
+        named += 1;
+    }
+    assert!(named > 60, "{named}");
 }
 
 #[test]
