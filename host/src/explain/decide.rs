@@ -335,7 +335,7 @@ impl Case<'_> {
         }
     }
 
-    /// What noise alone may leave of the recordings kept back, or of those fitted without any, in counts rms.
+    /// What noise alone may leave of the recordings kept back, in counts rms; 0 without any.
     fn kept_back_floor(&self, hypothesis: &Hypothesis, noise: &Noise) -> f64 {
         let Some(check) = &self.check else { return 0.0 };
         let adapted = adapted(check, hypothesis, &check.weights(noise));
