@@ -5,6 +5,7 @@ mod file;
 mod gripper;
 mod identity;
 mod stability;
+mod write;
 
 use std::path::Path;
 
@@ -223,12 +224,12 @@ impl Robot {
 
     /// Writes the robot file.
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
-        file::write(self, path)
+        write::write(self, path)
     }
 
     /// The robot file's text, every key of it.
     pub fn to_toml(&self) -> String {
-        file::to_toml(self)
+        write::to_toml(self)
     }
 
     /// The paper's PUMA 560, links 2 and 3, with the default loop's gains.
