@@ -209,22 +209,21 @@ impl LoadCommand {
         }
         let recording = ran.whole()?;
         let report = client.load_report()?;
-        let Some(found) = report.found else {
-            return Err(CommandError::Failed(why_not(&robot, &told)));
-        };
         let board_s = report.found_tick.saturating_sub(report.searching_tick) as f64 * robot.loop_period_s;
-        let result = Outcome {
+        let result = report.found.map(|found| Outcome {
             found,
             place: self.place,
             collect_s: f64::from(settings.collect_rows) * robot.record_period_s,
             identify_s: searched_s.unwrap_or(board_s),
             settings,
-        };
-        if self.json {
-            print_json(&result.to_json(&robot, &told, &recording))
-        } else {
-            print(result.text(&recording))
+        });
+        match &result {
+            Some(result) if self.json => print_json(&result.to_json(&robot, &told, &recording)),
+            Some(result) => print(result.text(&recording)),
+            None => Ok(()),
         }?;
+        // What was told and tracked until then is of more use where nothing was found.
+        let verdict = result.as_ref().map_or_else(|| why_not(&robot, &told), |result| active(&result.found));
         self.report.write(|| {
             let runs = [(&recording, "with the load")];
             let carried = page::load::Carried {
@@ -250,8 +249,9 @@ impl LoadCommand {
                 report::parameters(&robot, "empty arm", &report::of_model(&robot, &model)),
                 provenance.section(),
             ];
-            Ok(carried.page(active(&result.found), result.section(), rest))
-        })
+            Ok(carried.page(verdict.clone(), result.as_ref().map(Outcome::section), rest))
+        })?;
+        if result.is_some() { Ok(()) } else { Err(CommandError::Failed(verdict)) }
     }
 
     /// A real board's model cannot be told to be without a load, and has no standard errors; so its movements are recorded

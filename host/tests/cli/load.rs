@@ -75,9 +75,13 @@ fn a_load_beyond_the_limit_is_not_used() {
     bench.done("simulate --settle 0 --out run.csv --truth truth.toml --seed 1");
     bench.refused(
         FAILED,
-        "load --board sim --seed 1 --model truth.toml --load-kg 4",
+        "load --board sim --seed 1 --model truth.toml --load-kg 4 --report page.html",
         &["no load is active", "more than the largest load"],
     );
+    // The page is written all the same.
+    let page = Page::read(&bench, "page.html");
+    page.expect_sections(&["Load over time", "Tracking", "What was told", "Currents", "Parameters", "Provenance"]);
+    assert!(page.text().contains("no load is active"));
 }
 
 #[test]

@@ -145,7 +145,7 @@ impl LoadDemo {
             "{mass_kg:.3} kg picked up at {PICKED_AT_S} s and dropped at {DROPPED_AT_S} s. {}",
             page::track::verdict(compared)
         );
-        let mut page = carried.page(verdict, Section::new("Found and true").table(table), rest);
+        let mut page = carried.page(verdict, Some(Section::new("Found and true").table(table)), rest);
         page.command = "demo load".into();
         page.title = "A load picked up and dropped mid-motion".into();
         page

@@ -49,9 +49,9 @@ impl Carried<'_> {
         ]
     }
 
-    /// The page with the sections of what was `found` first.
-    pub fn page(&self, verdict: String, found: Section, rest: Vec<Section>) -> Page {
-        let mut sections = vec![found];
+    /// The page with the section of what was `found` first; none where no load is active.
+    pub fn page(&self, verdict: String, found: Option<Section>, rest: Vec<Section>) -> Page {
+        let mut sections = Vec::from_iter(found);
         sections.extend(self.sections());
         sections.extend(rest);
         Page { command: "load".into(), title: self.robot.name.clone(), verdict, sections }
