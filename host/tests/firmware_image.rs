@@ -2,13 +2,8 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use armid::firmware_image::{FirmwareImage, PARAMETER_FLASH, PROGRAM_FLASH, find_built};
-use tempfile::TempDir;
-
-const BAD_FILE: i32 = 3;
-const UNREACHABLE: i32 = 4;
 
 /// A program for the board, as far as its file tells.
 #[derive(Clone)]
@@ -177,41 +172,51 @@ fn the_image_built_here_is_found() {
     assert_eq!(find_built(folder.path(), Some(Path::new("elsewhere"))).unwrap(), elsewhere);
 }
 
-/// Runs `armid flash` where nothing is built; gives exit code and stderr.
-fn flash(folder: &TempDir, arguments: &[&str]) -> (Option<i32>, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_armid"))
-        .arg("flash")
-        .args(arguments)
-        .current_dir(folder.path())
-        .env_remove("CARGO_TARGET_DIR")
-        .env_remove("ARMID_PROBE")
-        .env_remove("ARMID_BOARD")
-        .output()
-        .unwrap();
-    assert!(output.stdout.is_empty());
-    (output.status.code(), String::from_utf8(output.stderr).unwrap())
-}
-
-#[test]
 #[cfg(feature = "flash")]
-fn a_bad_image_ends_the_command_before_a_probe_is_looked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    let (code, told) = flash(&folder, &[]);
-    assert_eq!(code, Some(BAD_FILE), "{told}");
-    assert!(told.contains("tests/run firmware"), "{told}");
-    fs::write(folder.path().join("bad.elf"), Elf::with(|elf| elf.machine = 243).bytes()).unwrap();
-    let (code, told) = flash(&folder, &["bad.elf"]);
-    assert_eq!(code, Some(BAD_FILE), "{told}");
-    assert!(told.contains("bad.elf") && told.contains("another processor") && !told.contains("probe"), "{told}");
-}
+mod command {
+    use std::process::Command;
 
-#[test]
-#[cfg(feature = "flash")]
-fn a_probe_that_is_not_there_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("good.elf"), Elf::sound().bytes()).unwrap();
-    // No probe has this number, whatever is connected to this machine.
-    let (code, told) = flash(&folder, &["good.elf", "--probe", "0483:374b:NO-SUCH-PROBE"]);
-    assert_eq!(code, Some(UNREACHABLE), "{told}");
-    assert!(told.contains("no debug probe 0483:374b:NO-SUCH-PROBE was found"), "{told}");
+    use tempfile::TempDir;
+
+    use super::*;
+
+    const BAD_FILE: i32 = 3;
+    const UNREACHABLE: i32 = 4;
+
+    /// Runs `armid flash` where nothing is built; gives exit code and stderr.
+    fn flash(folder: &TempDir, arguments: &[&str]) -> (Option<i32>, String) {
+        let output = Command::new(env!("CARGO_BIN_EXE_armid"))
+            .arg("flash")
+            .args(arguments)
+            .current_dir(folder.path())
+            .env_remove("CARGO_TARGET_DIR")
+            .env_remove("ARMID_PROBE")
+            .env_remove("ARMID_BOARD")
+            .output()
+            .unwrap();
+        assert!(output.stdout.is_empty());
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    }
+
+    #[test]
+    fn a_bad_image_ends_the_command_before_a_probe_is_looked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let (code, told) = flash(&folder, &[]);
+        assert_eq!(code, Some(BAD_FILE), "{told}");
+        assert!(told.contains("tests/run firmware"), "{told}");
+        fs::write(folder.path().join("bad.elf"), Elf::with(|elf| elf.machine = 243).bytes()).unwrap();
+        let (code, told) = flash(&folder, &["bad.elf"]);
+        assert_eq!(code, Some(BAD_FILE), "{told}");
+        assert!(told.contains("bad.elf") && told.contains("another processor") && !told.contains("probe"), "{told}");
+    }
+
+    #[test]
+    fn a_probe_that_is_not_there_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("good.elf"), Elf::sound().bytes()).unwrap();
+        // No probe has this number, whatever is connected to this machine.
+        let (code, told) = flash(&folder, &["good.elf", "--probe", "0483:374b:NO-SUCH-PROBE"]);
+        assert_eq!(code, Some(UNREACHABLE), "{told}");
+        assert!(told.contains("no debug probe 0483:374b:NO-SUCH-PROBE was found"), "{told}");
+    }
 }
