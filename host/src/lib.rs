@@ -1,13 +1,16 @@
-//! The host's side of armid: files, links to a board, calibration, identification.
+//! The host's side of armid: files, links to a board, identification, and what a model lacks.
 //!
 //! ```text
 //! robot, recording, model, trajectory_file   the files of the contract, read with every problem named
-//! link ── client ── capture                  bytes to a board, requests and movements, movements to recordings
+//! link ── client ── capture, journal         bytes to a board, requests and movements, movements to recordings
 //! board_setup, compensation                  robot and model files in the protocol's terms
 //! firmware_image                             what may be flashed to a board
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot, hidden_effect                what a simulated board's robot really is
-//! calibrate, identify ── identified_model    recordings → gains, recordings → model
+//! calibrate, identify ── identified_model    recordings → gains, recordings → model; `prior`: known beforehand
+//! explain                                    recordings and a model → the effects that it lacks, by name
+//! load                                       what a board tells of a load, and the same search on this computer
+//! links                                      masses, centres and inertias that give an f
 //! new_robot                                  a robot file from questions and answers
 //! doctor                                     what on this computer is in the way of using a board
 //! export                                     recordings and models in the formats of other programs
