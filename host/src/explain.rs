@@ -120,16 +120,18 @@ pub fn explain(
     options: &Options,
     progress: &(dyn Fn(&'static str) + Sync),
 ) -> Result<Explanation, ExplainError> {
-    let (explanation, shows_elsewhere) = explain_fitted(robot, recordings, check, model, options, progress)?;
+    let asked = Asked { robot, model, options, progress };
+    let (explanation, shows_elsewhere) = asked.explain(recordings, check)?;
     if !shows_elsewhere || explanation.recordings_disagree {
         return Ok(explanation);
     }
     let (kept_back, others) = recordings.split_at(1);
     let fitted: Vec<Recording> = others.iter().chain(check).cloned().collect();
-    let (mut turned, _) = explain_fitted(robot, &fitted, kept_back, model, options, progress)?;
+    let (mut turned, _) = asked.explain(&fitted, kept_back)?;
     if turned.verdict != Verdict::Named {
         return Ok(explanation);
     }
+    turned.recordings_exchanged = true;
     turned.sentences.push(format!(
         "only what was to be kept back shows it, so that was fitted, and {} kept back",
         kept_back[0].path.display()
@@ -137,83 +139,87 @@ pub fn explain(
     Ok(turned)
 }
 
-/// Explains `recordings` and judges on `check`; and whether something is wrong with `check` alone.
-fn explain_fitted(
-    robot: &Robot,
-    recordings: &[Recording],
-    check: &[Recording],
-    model: Option<&Model>,
-    options: &Options,
-    progress: &(dyn Fn(&'static str) + Sync),
-) -> Result<(Explanation, bool), ExplainError> {
-    let seed = options.seed;
-    if recordings.is_empty() {
-        return Err(IdentifyError::NoRecording.into());
-    }
-    let experiment = Experiment::new(robot, recordings)?;
-    let kept_back = if check.is_empty() { None } else { Some(Experiment::new(robot, check)?) };
-    progress("checking the recordings");
-    let all: Vec<&Recording> = recordings.iter().chain(check).collect();
-    audit::audit(&experiment, &all, &trace::traces(&experiment))?;
-    let identified;
-    let (model, priors) = match model {
-        Some(model) => (model, true),
-        None => {
-            progress("identifying a baseline");
-            let options = identify::Options { seed, ..identify::Options::default() };
-            let found = identify::identify(robot, recordings, &[], &options, &|_| ())?;
-            let provenance = crate::identified_model::provenance(robot, recordings, "full", seed);
-            identified = crate::identified_model::from_identification(robot, &found, provenance);
-            (&identified, false)
-        }
-    };
-    let baseline = baseline(robot, model, priors);
-    let known = known_effects(robot, model, experiment.segments.len())?;
+/// What is asked, whichever recordings are fitted and whichever kept back.
+struct Asked<'a> {
+    robot: &'a Robot,
+    model: Option<&'a Model>,
+    options: &'a Options,
+    progress: &'a (dyn Fn(&'static str) + Sync),
+}
 
-    let rows = rows::Rows::new(&experiment);
-    let current_sigma_a = audit::current_sigma(&experiment);
-    let train = Engine::new(Setting { experiment: &experiment, rows: &rows, current_sigma_a }, &baseline);
-    let check_rows = kept_back.as_ref().map(rows::Rows::new);
-    let check = match (&kept_back, &check_rows) {
-        (Some(experiment), Some(rows)) => {
-            Some(Engine::new(Setting { experiment, rows, current_sigma_a: None }, &baseline))
+impl Asked<'_> {
+    /// Explains `recordings` and judges on `check`; and whether something is wrong with `check` alone.
+    fn explain(&self, recordings: &[Recording], check: &[Recording]) -> Result<(Explanation, bool), ExplainError> {
+        let Self { robot, model, options, progress } = *self;
+        let seed = options.seed;
+        if recordings.is_empty() {
+            return Err(IdentifyError::NoRecording.into());
         }
-        _ => None,
-    };
-    let kept_thresholds = options.kept_thresholds.as_deref();
-    let case = Case { train, check, seed, kept_thresholds, progress };
-    let known = match held_out::adapted_to_train(&case.train, &baseline, &known) {
-        Some(known) => known,
-        None => known,
-    };
-    let mut decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
-    progress("trying what resembles the effects found");
-    let stranger = case.stranger(&decision, known.len());
-    let coarse = resolution::coarse_encoders(robot, &all);
-    if !coarse.is_empty() || stranger.is_some() {
-        // What steps of the encoder leave resembles effects; before it is mended none can be named.
-        decision.verdict = Verdict::Unknown;
-    }
-    progress("writing down what was found");
-    let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
-    let joint = |stranger: &Stranger| stranger.instance.joint_name(robot);
-    explanation.sentences.extend(stranger.iter().map(|stranger| stranger.sentence(&joint(stranger))));
-    explanation.sentences.extend(coarse.iter().map(|coarse| coarse.sentence(robot)));
-    if explanation.verdict == Verdict::Unknown
-        && agreement::only_each_by_itself(robot, &all, &baseline, &decision.noise, decision.floor)
-    {
-        explanation.recordings_disagree = true;
-        explanation.sentences.push(
+        let experiment = Experiment::new(robot, recordings)?;
+        let kept_back = if check.is_empty() { None } else { Some(Experiment::new(robot, check)?) };
+        progress("checking the recordings");
+        let all: Vec<&Recording> = recordings.iter().chain(check).collect();
+        audit::audit(&experiment, &all, &trace::traces(&experiment))?;
+        let identified;
+        let (model, priors) = match model {
+            Some(model) => (model, true),
+            None => {
+                progress("identifying a baseline");
+                let options = identify::Options { seed, ..identify::Options::default() };
+                let found = identify::identify(robot, recordings, &[], &options, &|_| ())?;
+                let provenance = crate::identified_model::provenance(robot, recordings, "full", seed);
+                identified = crate::identified_model::from_identification(robot, &found, provenance);
+                (&identified, false)
+            }
+        };
+        let baseline = baseline(robot, model, priors);
+        let known = known_effects(robot, model, experiment.segments.len())?;
+
+        let rows = rows::Rows::new(&experiment);
+        let current_sigma_a = audit::current_sigma(&experiment);
+        let train = Engine::new(Setting { experiment: &experiment, rows: &rows, current_sigma_a }, &baseline);
+        let check_rows = kept_back.as_ref().map(rows::Rows::new);
+        let check = match (&kept_back, &check_rows) {
+            (Some(experiment), Some(rows)) => {
+                Some(Engine::new(Setting { experiment, rows, current_sigma_a: None }, &baseline))
+            }
+            _ => None,
+        };
+        let kept_thresholds = options.kept_thresholds.as_deref();
+        let case = Case { train, check, seed, kept_thresholds, progress };
+        let known = match held_out::adapted_to_train(&case.train, &baseline, &known) {
+            Some(known) => known,
+            None => known,
+        };
+        let mut decision = case.decide(&known).ok_or(ExplainError::Impossible)?;
+        progress("trying what resembles the effects found");
+        let stranger = case.stranger(&decision, known.len());
+        let coarse = resolution::coarse_encoders(robot, &all);
+        if !coarse.is_empty() || stranger.is_some() {
+            // What steps of the encoder leave resembles effects; before it is mended none can be named.
+            decision.verdict = Verdict::Unknown;
+        }
+        progress("writing down what was found");
+        let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
+        let joint = |stranger: &Stranger| stranger.instance.joint_name(robot);
+        explanation.sentences.extend(stranger.iter().map(|stranger| stranger.sentence(&joint(stranger))));
+        explanation.sentences.extend(coarse.iter().map(|coarse| coarse.sentence(robot)));
+        if explanation.verdict == Verdict::Unknown
+            && agreement::only_each_by_itself(robot, &all, &baseline, &decision.noise, decision.floor)
+        {
+            explanation.recordings_disagree = true;
+            explanation.sentences.push(
             "each recording by itself is explained by base parameters of its own, all of them together are not: they are \
              of different robots, or load or friction changed in between; explain recordings of one robot in one state"
                 .into(),
         );
+        }
+        if options.design_next {
+            progress("looking for the next movement");
+            explanation.next_trajectory = findings::next(&case, &decision, &explanation);
+        }
+        Ok((explanation, decision.shows_elsewhere()))
     }
-    if options.design_next {
-        progress("looking for the next movement");
-        explanation.next_trajectory = findings::next(&case, &decision, &explanation);
-    }
-    Ok((explanation, decision.shows_elsewhere()))
 }
 
 fn baseline(robot: &Robot, model: &Model, priors: bool) -> Baseline {

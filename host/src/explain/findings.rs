@@ -103,6 +103,8 @@ pub struct Explanation {
     pub explained_share: f64,
     /// Whether the recordings are explained one by one, each by base parameters of its own, but not together.
     pub recordings_disagree: bool,
+    /// Whether the recordings given as kept back were fitted, and the first of the others kept back: only they showed it.
+    pub recordings_exchanged: bool,
     /// Largest score of the null simulations, and the threshold made of it.
     pub threshold: [f64; 2],
     /// Estimated torque noise in N m at the motors.
@@ -146,6 +148,7 @@ impl Explanation {
             }),
             "explained_share": self.explained_share,
             "recordings_disagree": self.recordings_disagree,
+            "recordings_exchanged": self.recordings_exchanged,
             "largest_null_score": self.threshold[0],
             "threshold": self.threshold[1],
             "torque_noise_nm": self.torque_noise_nm,
@@ -241,6 +244,7 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
         sentences,
         explained_share: decision.share,
         recordings_disagree: false,
+        recordings_exchanged: false,
         threshold: [decision.null_score, decision.threshold],
         torque_noise_nm: train.torque_noise_nm(&decision.noise),
         shape,
