@@ -6,12 +6,13 @@ use super::engine::{Engine, Fitted, Free};
 use super::held_out::{adapted, kept_back_floor};
 use super::hypothesis::Hypothesis;
 use super::instance::Instance;
-use super::linear::Base;
+use super::library::Search;
+use super::linear::{Base, inner};
 use super::noise::{self, Noise};
 use super::screen::{self, Scored};
 use super::shortlist::{SAME_GAP, class, shortlist};
 use super::threshold::kept_null_scores;
-use super::verdict::{CLOSED, Decision, MOST_NAMED, Rounds, Verdict, priors_complain};
+use super::verdict::{CLOSED, Decision, KEPT, MOST_NAMED, PROVEN, Rounds, Verdict, priors_complain};
 use crate::identify::Columns;
 
 /// Effects that are looked for at most.
@@ -45,8 +46,15 @@ const ENOUGH: f64 = 1.02;
 /// model is a little wrong, and what that leaves always resembles something.
 const NEARLY_CLOSED: f64 = 1.25;
 const MORE: f64 = 0.01;
+/// The same where noise alone leaves as much as is left: then it has to be no small fault of what was found.
+const MORE_THAN_NOISE: f64 = 0.1;
+/// Where a gap on recordings kept back is within this factor of what noise leaves of them, it is noise.
+const AS_NOISE: f64 = 1.05;
 /// How often noise and model are found anew from each other after an effect is taken.
 const TURNS: usize = 3;
+/// Iterations of such a turn at most, and where there are instants, which creep.
+const SETTLED_AFTER: usize = 4;
+const INSTANTS_SETTLED_AFTER: usize = 12;
 /// A refit that widens the gap by this factor has gone astray.
 const ASTRAY: f64 = 1.1;
 
@@ -187,7 +195,16 @@ impl Case<'_> {
                 if starts.is_empty() {
                     break;
                 }
-                let tried = self.confirm(&current, starts, &weights, round == 0);
+                // A refit without the effect may have swallowed it: with the base where that left it, an effect of the same
+                // kind has nothing to explain.
+                let mut bases = Vec::new();
+                if round == 0 || !settled && gap <= FAR * floor {
+                    bases.push(train.baseline.values.of(&train.baseline.free));
+                }
+                if round > 0 {
+                    bases.push(current.hypothesis.base.clone());
+                }
+                let tried = self.confirm(&current, &starts, &bases, &weights);
                 rivals.extend(tried.iter().map(|(rival, _)| rival.clone()));
                 confirmed.extend(tried);
                 confirmed.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
@@ -207,6 +224,12 @@ impl Case<'_> {
                 // Far from the floor there are others still to be found, and only all of them together narrow it.
                 let reached = self.judging_gap(&current.hypothesis);
                 confirmed.retain(|(rival, _)| rival.held_out_gap <= may_widen(rival, &accepted) * reached);
+                // It has to show there in counts, or else where they are weighed by the noise.
+                let shows = |(rival, fitted): &(Rival, Fitted)| {
+                    rival.held_out_gap < reached || self.shows_in_kept_back(&current, fitted, &noise)
+                };
+                let first = confirmed.iter().position(shows).unwrap_or(confirmed.len());
+                confirmed.drain(..first);
             }
             // While nothing comes near the floor, what is left is no noise, and weighing by noise means little: it decides
             // only among those that come about as near as any.
@@ -215,10 +238,7 @@ impl Case<'_> {
                 confirmed.retain(|(rival, _)| rival.held_out_gap <= AS_NEAR * nearest);
             }
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
-            let brought: f64 = accepted.iter().map(|accepted| accepted.delta_bic).sum();
-            let nearly_closed =
-                gap <= NEARLY_CLOSED * floor && self.judging_gap(&current.hypothesis) <= NEARLY_CLOSED * floor;
-            if settled && nearly_closed && best.delta_bic < MORE * brought {
+            if settled && best.delta_bic < self.least_more(&current.hypothesis, &accepted, [gap, floor], &noise) {
                 break;
             }
             let class = class(&confirmed);
@@ -264,6 +284,9 @@ impl Case<'_> {
     /// known may have been taken for noise.
     fn settle(&self, mut fitted: Fitted, mut noise: Noise) -> (Fitted, Noise) {
         let train = &self.train;
+        let of_instants = |instance: &Instance| matches!(instance.kind.search, Search::Instant);
+        let instants = fitted.hypothesis.named.iter().any(of_instants);
+        let iterations = if instants { INSTANTS_SETTLED_AFTER } else { SETTLED_AFTER };
         for _ in 0..TURNS {
             let white = noise.map(|joint| joint.white_counts2);
             let left = noise::most_likely(train.setting.rows, &fitted.residual.motion, white, 6.0);
@@ -272,7 +295,7 @@ impl Case<'_> {
                 noise = left;
             }
             let gap = |fitted: &Fitted| train.gap(&train.innovations(&fitted.hypothesis));
-            match train.refit(&fitted.hypothesis, &train.weights(&noise), &[], Free::All, 4) {
+            match train.refit(&fitted.hypothesis, &train.weights(&noise), &[], Free::All, iterations) {
                 Some(again) if gap(&again) <= ASTRAY * gap(&fitted) => fitted = again,
                 _ => break,
             }
@@ -283,24 +306,19 @@ impl Case<'_> {
         (fitted, noise)
     }
 
-    /// Refits the shortlisted effects beside `current`, best first.
+    /// Refits the shortlisted effects beside `current` from each of the bases, best first.
     fn confirm(
         &self,
         current: &Fitted,
-        starts: Vec<Instance>,
+        starts: &[Instance],
+        bases: &[Vec<f64>],
         weights: &[f64],
-        from_baseline: bool,
     ) -> Vec<(Rival, Fitted)> {
         let train = &self.train;
         let penalty = (train.setting.rows.count() as f64).ln();
         let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
-        for start in starts {
-            let mut hypothesis = current.hypothesis.with(start);
-            if from_baseline {
-                // The refit without the effect may have swallowed it: with the base where that left it, an effect of
-                // the same kind has nothing to explain.
-                hypothesis.base = train.baseline.values.of(&train.baseline.free);
-            }
+        for (start, base) in starts.iter().flat_map(|start| bases.iter().map(move |base| (start, base))) {
+            let hypothesis = Hypothesis { base: base.clone(), ..current.hypothesis.with(start.clone()) };
             let Some(alone) = train.refit(&hypothesis, weights, &current.columns, Free::Last, 3) else { continue };
             let Some(fitted) = train.refit(&alone.hypothesis, weights, &current.columns, Free::All, 4) else {
                 continue;
@@ -333,6 +351,36 @@ impl Case<'_> {
             Some(check) => check.gap(&check.innovations(&adapted(check, hypothesis, &check_weights(check)))),
             None => self.train.gap(&self.train.innovations(hypothesis)),
         }
+    }
+
+    /// Whether what an effect brings in the motion that it was fitted to shows in the recordings kept back as well.
+    fn shows_in_kept_back(&self, without: &Fitted, with: &Fitted, noise: &Noise) -> bool {
+        let Some(check) = &self.check else { return true };
+        let weights = self.train.weights(noise);
+        let of_motion = |fitted: &Fitted| inner(&fitted.residual.motion, &fitted.residual.motion, &weights);
+        let gained = of_motion(without) - of_motion(with);
+        let weights = check.weights(noise);
+        let of_kept_back = |fitted: &Fitted| {
+            let rows = check.setting.rows.of(&check.innovations(&adapted(check, &fitted.hypothesis, &weights)));
+            inner(&rows, &rows, &weights)
+        };
+        let kept = of_kept_back(without) - of_kept_back(with);
+        // What currents or prior knowledge tell need not show in the motion, but must not spoil it.
+        let by_motion = gained > 0.5 * (without.cost - with.cost);
+        kept >= if by_motion { PROVEN.min(KEPT * gained * check.length() / self.train.length()) } else { -PROVEN }
+    }
+
+    /// What one effect more has to bring beside those `accepted`, which leave this gap over this floor of what was fitted.
+    fn least_more(&self, left: &Hypothesis, accepted: &[Accepted], [gap, floor]: [f64; 2], noise: &Noise) -> f64 {
+        let kept_back = self.judging_gap(left) / self.kept_back_floor(left, noise).max(floor);
+        let share = if gap <= floor && kept_back <= AS_NOISE {
+            MORE_THAN_NOISE
+        } else if gap <= NEARLY_CLOSED * floor && kept_back <= NEARLY_CLOSED {
+            MORE
+        } else {
+            0.0
+        };
+        share * accepted.iter().map(|accepted| accepted.delta_bic).sum::<f64>()
     }
 
     /// What noise alone may leave of the recordings kept back, in counts rms; 0 without any.

@@ -25,9 +25,11 @@ const NAMED_SHARE: f64 = 0.75;
 /// Share that makes a part worth naming on a single axis.
 const PARTIAL_SHARE: f64 = 0.5;
 /// Share of the gain per sample that has to show in the recordings kept back.
-const KEPT: f64 = 0.2;
+pub const KEPT: f64 = 0.2;
 /// A gain in χ² that chance does not bring, however large it was elsewhere.
-const PROVEN: f64 = 10.0;
+pub const PROVEN: f64 = 10.0;
+/// A gain in χ² of recordings kept back that stands for the share of what was fitted.
+const FORETELLS: f64 = 25.0;
 /// A score this many times the threshold is no chance, whether its effect is the right one or not.
 const STRONG: f64 = 4.0;
 /// χ² of noise alone is known only up to so many of its standard deviations: less than that is no excess.
@@ -178,7 +180,11 @@ impl Case<'_> {
         let arm = train.setting.experiment.robot.joints.len() > 1;
         let in_part =
             if arm { least_share >= NAMED_SHARE && count <= MOST_NAMED } else { least_share >= PARTIAL_SHARE };
-        let verdict = if count > 0 && share >= NAMED_SHARE && closes && count <= MOST_NAMED {
+        // Where the excess is little, its share hangs on how well the noise is known; what was kept back tells as well.
+        let foretells =
+            held_out.as_ref().is_some_and(|held_out| held_out.foretold >= FORETOLD && held_out.gain >= FORETELLS);
+        let explained = share >= NAMED_SHARE || (foretells && after <= CLOSED * floor);
+        let verdict = if count > 0 && explained && closes && count <= MOST_NAMED {
             Verdict::Named
         } else if nothing_wrong {
             Verdict::None
