@@ -226,7 +226,10 @@ impl Case<'_> {
                 confirmed.retain(|(rival, _)| rival.held_out_gap <= may_widen(rival, &accepted) * reached);
                 // It has to show there in counts, or else where they are weighed by the noise.
                 let shows = |(rival, fitted): &(Rival, Fitted)| {
-                    rival.held_out_gap < reached || self.shows_in_kept_back(&current, fitted, &noise)
+                    // Instants are found anew there, so that some always narrow it a little.
+                    let narrows =
+                        rival.held_out_gap < reached && !matches!(rival.instance.kind.search, Search::Instant);
+                    narrows || self.shows_in_kept_back(&current, fitted, &noise)
                 };
                 let first = confirmed.iter().position(shows).unwrap_or(confirmed.len());
                 confirmed.drain(..first);

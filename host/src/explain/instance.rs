@@ -8,6 +8,10 @@ use super::library::{Kind, Parameter, Role};
 /// little below that, because an order that is fitted scatters.
 const LEAST_MOTOR_ORDER: f64 = 0.8;
 
+/// What pushes from before this moment of every recording, in s, is no contact that happens to come: something that starts
+/// along with the robot.
+const WITH_THE_START_S: f64 = 0.2;
+
 /// An effect with values: one that is in a model, or tried.
 #[derive(Clone, Debug)]
 pub struct Instance {
@@ -65,7 +69,8 @@ impl Instance {
     }
 
     /// Whether its size is one that counts as an effect: an encoder loses whole counts, no torque constant is known to a
-    /// thousandth, a contact has a length, and a motor's own torque repeats with its turn, not more slowly.
+    /// thousandth, a contact has a length and does not begin with every recording, and a motor's own torque repeats with its
+    /// turn, not more slowly.
     pub fn can_be(&self) -> bool {
         let least = match self.kind.name {
             "count-loss" => 0.9,
@@ -79,7 +84,11 @@ impl Instance {
         let repeats = |(parameter, value): (&Parameter, &Option<f64>)| {
             !of_motor || parameter.name != "order" || value.is_none_or(|order| order >= LEAST_MOTOR_ORDER)
         };
-        self.common[0].is_none_or(|size| size.abs() >= least)
+        let from_the_start = self.kind.name == "external-contact"
+            && self.records.len() > 1
+            && self.records.iter().flatten().all(|&start_s| start_s < WITH_THE_START_S);
+        !from_the_start
+            && self.common[0].is_none_or(|size| size.abs() >= least)
             && self.kind.parameters.iter().zip(&self.common).all(repeats)
             && self.kind.parameters.iter().zip(&self.common).all(lasts)
     }

@@ -74,7 +74,7 @@ pub enum Search {
     /// A wave: derivatives by its first parameter at two phases a quarter apart. Orders that are tried, or none for
     /// those that a scan of the residual finds.
     Wave(Option<&'static [f64]>),
-    /// Not proportional: simulated at these values.
+    /// Not proportional: simulated at these values; parameters that have none begin at what is usual.
     Finite(&'static [&'static [f64]]),
     /// A limit: simulated at these shares of the largest demand; other parameters as given.
     Limit(&'static [f64]),
@@ -131,6 +131,10 @@ const fn phase(name: &'static str, place: Place, per_record: bool) -> Parameter 
 
 /// Both ends unlimited, for what has no sign of its own.
 pub const ANY: [f64; 2] = [-1e6, 1e6];
+
+/// How a joint's inertia is shared out between motor and link, once something gives way between them.
+pub const MOTOR_INERTIA: Parameter =
+    shape("motor_inertia_kg_m2", "kg m²", joint!(motor_inertia_kg_m2), 1e-6, [1e-7, 10.0]);
 
 /// The library.
 pub const LIBRARY: [Kind; 26] = [
@@ -271,6 +275,7 @@ pub const LIBRARY: [Kind; 26] = [
         parameters: &[
             size("compliance_rad_per_nm", "rad/(N m)", joint!(compliance_rad_per_nm), 1e-6, [0.0, 1e-2]),
             shape("damping_s", "s", joint!(shaft_damping_s), 1e-5, [0.0, 0.01]),
+            MOTOR_INERTIA,
         ],
         search: Search::Finite(&[
             &[3e-6, 4e-4],
@@ -290,7 +295,7 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "backlash",
         of_arm: false,
-        parameters: &[size("gap_rad", "rad", joint!(gap_rad), 1e-5, [0.0, 0.1])],
+        parameters: &[size("gap_rad", "rad", joint!(gap_rad), 1e-5, [0.0, 0.1]), MOTOR_INERTIA],
         search: Search::Finite(&[
             &[1e-4],
             &[1.6e-4],

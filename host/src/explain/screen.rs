@@ -5,13 +5,16 @@ use rayon::prelude::*;
 use super::fit::Setting;
 use super::hypothesis::{Baseline, Hypothesis};
 use super::instance::Instance;
-use super::library::{Kind, LIBRARY, Role, Search};
+use super::library::{Kind, LIBRARY, MOTOR_INERTIA, Parameter, Role, Search};
 use super::linear::{Base, Column, Fit};
 use super::noise::{self, Noise};
 use super::response::Response;
 use super::rows::Rows;
 use super::scan;
 use super::trace::Trace;
+
+/// Between which shares of a joint's inertia its motor's is first looked for.
+const MOTOR_SHARES: [f64; 2] = [0.05, 0.8];
 
 /// A model that was fitted, and what is left.
 pub struct Stage<'a> {
@@ -234,7 +237,8 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
                 }
                 Search::Finite(points) => {
                     for values in points {
-                        let instance = new(values);
+                        let rest = kind.parameters[values.len()..].iter().map(|p| begin_with(stage, p, joint));
+                        let instance = new(&values.iter().copied().chain(rest).collect::<Vec<f64>>());
                         add(Form::Whole(instance.clone()), vec![(instance, 1.0)], false);
                     }
                 }
@@ -259,6 +263,20 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
         }
     }
     planned
+}
+
+/// Where a parameter begins that no start names. A motor's share of its joint's inertia: the elbow's is f1 − f2.
+fn begin_with(stage: &Stage, parameter: &Parameter, joint: usize) -> f64 {
+    let usual = parameter.usual();
+    if parameter.name != MOTOR_INERTIA.name {
+        return usual;
+    }
+    let robot = stage.setting.experiment.robot;
+    let f = stage.baseline.values.f;
+    let ratio = robot.joints[joint].gear_ratio;
+    let whole = if joint == 0 { f[6] } else { f[0] } / (ratio * ratio);
+    let share = if joint == 1 && f[0] > f[1] { (f[0] - f[1]) / f[0] } else { usual / whole };
+    share.clamp(MOTOR_SHARES[0], MOTOR_SHARES[1]) * whole
 }
 
 /// Prior precisions (one over standard deviations) and offsets of a stage's parameters.

@@ -7,12 +7,18 @@ use super::decide::Case;
 use super::engine::{Engine, Fitted, Free};
 use super::hypothesis::Hypothesis;
 use super::instance::Instance;
-use super::library::{ANY, Kind, Parameter, Place, Search, size};
+use super::library::{self, ANY, Kind, Parameter, Place, Search, size};
 use super::trace::Trace;
 use super::verdict::{Decision, Verdict};
 
 /// By how much χ², less what parameters cost, a stranger has to do better than the effects it takes the place of.
 const BETTER: f64 = 12.0;
+
+/// A gap beside a spring that brings this share of what the spring brought says that it stiffens as it is wound: a linear
+/// one leaves a gap nothing to explain.
+const STIFFENS: f64 = 0.1;
+/// Gaps in rad that are tried beside a spring.
+const GAPS_RAD: [f64; 4] = [3e-5, 1e-4, 3e-4, 1e-3];
 
 /// An effect outside the library that did better than those inside.
 #[derive(Clone, Debug)]
@@ -161,7 +167,40 @@ impl Case<'_> {
                 }
             }
         }
-        best
+        best.or_else(|| self.stiffening(decision, &named, known, &weights, per_parameter))
+    }
+
+    /// A spring of `named` that stiffens as it is wound.
+    fn stiffening(
+        &self,
+        decision: &Decision,
+        named: &Fitted,
+        known: usize,
+        weights: &[f64],
+        per_parameter: f64,
+    ) -> Option<Stranger> {
+        let effects = &named.hypothesis.named;
+        let gap = library::kind("backlash")?;
+        for spring in effects.iter().skip(known).filter(|effect| effect.kind.name == "joint-flexibility") {
+            let of_shaft = |name: &str, joint: usize| name == gap.name && joint == spring.joint;
+            if effects.iter().any(|other| of_shaft(other.kind.name, other.joint)) {
+                continue;
+            }
+            let mut accepted = decision.accepted.iter();
+            let brought = accepted.find(|one| one.name == spring.kind.name && one.joint == spring.joint)?.delta_bic;
+            // The spring knows the motor's inertia already.
+            let starts: Vec<Vec<f64>> = GAPS_RAD.iter().map(|&gap_rad| vec![gap_rad]).collect();
+            let Some(fitted) = self.best_start(&named.hypothesis, gap, spring.joint, &starts, weights) else {
+                continue;
+            };
+            let delta_bic = named.cost - fitted.cost - per_parameter;
+            if delta_bic > BETTER.max(STIFFENS * brought) {
+                let instance = fitted.hypothesis.named.last()?.clone();
+                let phrase = "a spring that stiffens as it is wound, almost a gap";
+                return Some(Stranger { phrase, instance, instead_of: spring.kind.name, delta_bic });
+            }
+        }
+        None
     }
 
     /// The best refit beside `place` from any of the starts.

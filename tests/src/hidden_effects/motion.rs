@@ -21,8 +21,9 @@ const LENGTH: usize = OUTSIDE + STATES;
 /// Reversals handled one by one within a step.
 const REVERSALS_PER_STEP: usize = 8;
 
-/// Torque-producing current follows a limited rate with this lag in s.
-const SLEW_LAG_S: f64 = 60e-6;
+/// Current of a limited rate follows otherwise with this lag in s: too short to be seen as the library's own lag, long enough
+/// for the integration step.
+const SLEW_LAG_S: f64 = 15e-6;
 
 /// Everything that moves. Motor angles and speeds are those at the joint (divided by the gear ratio) and used for
 /// elastic joints only.
