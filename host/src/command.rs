@@ -30,6 +30,7 @@ mod run;
 mod simulate;
 mod track;
 mod upload;
+mod wording;
 
 use clap::{Parser, Subcommand};
 

@@ -13,7 +13,7 @@ fn main() -> ExitCode {
     match command::run(command::Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            eprintln!("error: {}", error.message());
             ExitCode::from(error.exit_code())
         }
     }

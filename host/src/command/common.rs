@@ -20,7 +20,7 @@ use clap::Args;
 use shared::protocol::Configuration;
 use shared::trajectory::{Margins, Trajectory};
 
-use super::CommandError;
+use super::{CommandError, wording};
 
 /// Which robot.
 #[derive(Clone, Debug, Args)]
@@ -33,12 +33,16 @@ pub struct RobotArguments {
 impl RobotArguments {
     /// The robot, to compute with.
     pub fn read(&self) -> Result<Robot, CommandError> {
-        Ok(self.robot.as_deref().map_or_else(|| Ok(Robot::paper()), Robot::read)?)
+        let robot = self.robot.as_deref().map_or_else(|| Ok(Robot::paper()), Robot::read)?;
+        wording::of_robot(&robot);
+        Ok(robot)
     }
 
     /// The robot, to move: its gains must be stable.
     pub fn read_for_motion(&self) -> Result<Robot, CommandError> {
-        Ok(self.robot.as_deref().map_or_else(|| Ok(Robot::paper()), Robot::read_for_motion)?)
+        let robot = self.robot.as_deref().map_or_else(|| Ok(Robot::paper()), Robot::read_for_motion)?;
+        wording::of_robot(&robot);
+        Ok(robot)
     }
 
     /// The robot, to repeat recordings of its loop with: an unstable loop has none.

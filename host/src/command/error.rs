@@ -11,6 +11,8 @@ use armid::link::LinkError;
 use armid::margins::MarginError;
 use shared::trajectory::LimitError;
 
+use super::wording;
+
 /// Why a command ended without its result.
 #[derive(Debug, thiserror::Error)]
 pub enum CommandError {
@@ -75,6 +77,22 @@ pub enum CommandError {
 }
 
 impl CommandError {
+    /// What to tell: where the joints are those of the board, by their names.
+    pub fn message(&self) -> String {
+        let text = self.to_string();
+        let by_the_board = matches!(
+            self,
+            Self::Limit(_)
+                | Self::Incomplete { .. }
+                | Self::Excite(ExciteError::Limits(_))
+                | Self::Session(
+                    SessionError::InFault(_)
+                        | SessionError::Client(ClientError::Refused { .. } | ClientError::Fault(_))
+                )
+        );
+        if by_the_board { wording::in_its_words(&text) } else { text }
+    }
+
     /// The documented exit code.
     pub fn exit_code(&self) -> u8 {
         const FAILED: u8 = 1;

@@ -10,6 +10,7 @@ use shared::protocol::{Fault, Link, Mode, StoreState};
 
 use super::CommandError;
 use super::common::{BoardArguments, RobotArguments, print, print_json};
+use super::wording::in_its_words;
 
 const EXAMPLES: &str = "Examples:
   armid info                                        the board found on USB
@@ -53,11 +54,11 @@ impl Info {
             Mode::Fault(fault) => Some(fault),
             _ => None,
         };
-        let limits: Vec<&str> = status.limits_active.iter().map(|limit| limit.name()).collect();
+        let limits: Vec<String> = status.limits_active.iter().map(|limit| in_its_words(limit.name())).collect();
         let chip_id: String = identity.chip_id.iter().map(|byte| format!("{byte:02x}")).collect();
         let crc = |crc: Option<u32>| crc.map(|crc| format!("{crc:08x}"));
         let (recording, stored) = (status.recording, status.stored);
-        let named = |fault: Fault| json!({"name": fault.name(), "message": fault.to_string()});
+        let named = |fault: Fault| json!({"name": fault.name(), "message": in_its_words(&fault.to_string())});
         if self.json {
             return print_json(&json!({
                 "address": client.address(),
@@ -125,10 +126,10 @@ impl Info {
             format!("mode          {}", status.mode.name()),
         ];
         if let Some(fault) = fault {
-            lines.push(format!("fault         {fault}"));
+            lines.push(format!("fault         {}", in_its_words(&fault.to_string())));
         }
         lines.extend([
-            format!("last fault    {}", or_none(info.last_fault.map(|fault| fault.to_string()))),
+            format!("last fault    {}", or_none(info.last_fault.map(|fault| in_its_words(&fault.to_string())))),
             format!(
                 "pose          {}",
                 match (status.pose_known, status.position_counts) {

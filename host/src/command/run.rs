@@ -11,7 +11,7 @@ use shared::load::LoadNews;
 use shared::protocol::{ControlLaw, Info, LimitsActive, Request, Sample};
 
 use super::common::{Prepared, advise};
-use super::{CommandError, interrupt, progress};
+use super::{CommandError, interrupt, progress, wording};
 
 /// A movement to run.
 pub struct Run<'a> {
@@ -174,6 +174,6 @@ fn report(movement: &Movement) {
     }
     let limits = movement.recording.map_or_else(LimitsActive::default, |recording| recording.limits_active);
     for limit in limits.iter() {
-        advise(format!("a limit acted during the movement: {}", limit.name()));
+        advise(format!("a limit acted during the movement: {}", wording::in_its_words(limit.name())));
     }
 }

@@ -12,6 +12,7 @@ use ratatui::text::Line;
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph};
 use ratatui::{DefaultTerminal, Frame};
 
+use super::super::wording::in_its_words;
 use super::{Next, row::Row};
 
 /// How much of the past is shown, in s.
@@ -108,7 +109,7 @@ impl History {
         let datasets = (0..2)
             .map(|joint| {
                 Dataset::default()
-                    .name(format!("joint {}: {:.2}", joint + 2, now[joint]))
+                    .name(format!("{}: {:.2}", in_its_words(&format!("joint {}", joint + 2)), now[joint]))
                     .marker(Marker::Braille)
                     .graph_type(GraphType::Line)
                     .style(Style::new().fg(COLOURS[joint]))

@@ -5,6 +5,8 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use shared::protocol::{Info, Link, LinkCounters, Mode, Status};
 
+use super::super::wording::in_its_words;
+
 /// What the board was doing at an instant.
 #[derive(Clone, Debug)]
 pub struct Row {
@@ -29,14 +31,14 @@ impl Row {
     /// The mode, with its fault in words.
     pub fn mode(&self) -> String {
         match self.status.mode {
-            Mode::Fault(fault) => format!("fault: {fault}"),
+            Mode::Fault(fault) => format!("fault: {}", in_its_words(&fault.to_string())),
             mode => mode.name().into(),
         }
     }
 
     /// Names of the limits that have acted since arming.
     pub fn limits(&self) -> String {
-        let names: Vec<&str> = self.status.limits_active.iter().map(|limit| limit.name()).collect();
+        let names: Vec<String> = self.status.limits_active.iter().map(|limit| in_its_words(limit.name())).collect();
         if names.is_empty() { "none".into() } else { names.join(", ") }
     }
 
@@ -78,9 +80,9 @@ impl Row {
 
     pub fn to_json(&self) -> Value {
         let status = &self.status;
-        let limits: Vec<&str> = status.limits_active.iter().map(|limit| limit.name()).collect();
+        let limits: Vec<String> = status.limits_active.iter().map(|limit| in_its_words(limit.name())).collect();
         let fault = match status.mode {
-            Mode::Fault(fault) => Some(json!({"name": fault.name(), "message": fault.to_string()})),
+            Mode::Fault(fault) => Some(json!({"name": fault.name(), "message": in_its_words(&fault.to_string())})),
             _ => None,
         };
         let links = Link::ALL.iter().zip(self.links).map(|(link, counters)| {
