@@ -37,6 +37,7 @@ mod sentences;
 mod shortlist;
 mod simulate;
 mod strangers;
+mod teeth;
 mod threshold;
 pub(crate) mod trace;
 mod verdict;

@@ -34,6 +34,16 @@ fn clear(name: &'static str, joint: usize, noisy: bool) -> Planned {
     Planned { hidden: Hidden::Single { name, joint }, tier: TIERS[0], noisy }
 }
 
+/// The command, built along with these tests.
+fn program() -> PathBuf {
+    let mut program = std::env::current_exe().expect("this test's own path");
+    program.pop();
+    program.pop();
+    program.push(format!("armid{}", std::env::consts::EXE_SUFFIX));
+    assert!(program.is_file(), "{}: not built; cargo test --workspace builds it", program.display());
+    program
+}
+
 /// Where nothing is hidden and no torque is noisy, this tool's model with the true parameters leaves the rounding of
 /// the encoder: 1/√12 counts white in the innovations, and what rounding rings up in closed loop.
 #[test]
@@ -118,11 +128,7 @@ fn a_single_regression_names_what_is_clear() {
 /// all but one effect named or in a class of three (on larger sets 94 % are).
 #[test]
 fn explain_names_the_fixed_cases() {
-    let mut program = std::env::current_exe().expect("this test's own path");
-    program.pop();
-    program.pop();
-    program.push(format!("armid{}", std::env::consts::EXE_SUFFIX));
-    assert!(program.is_file(), "{}: not built; cargo test --workspace builds it", program.display());
+    let program = program();
     let planned = [
         clear("coulomb-friction", 0, true),
         clear("stribeck-friction", 1, false),
@@ -158,4 +164,14 @@ fn explain_names_the_fixed_cases() {
             assert_eq!(score.joint_right.hits, score.joint_right.of, "{group:?}");
         }
     }
+}
+
+/// A linear spring imitates one that stiffens as it is wound down to the noise; its name would be wrong all the same.
+#[test]
+fn a_gear_that_hardens_is_not_called_flexible() {
+    let planned =
+        Planned { hidden: Hidden::Outside { name: "outside:hardening-gear", joint: 1 }, tier: TIERS[0], noisy: true };
+    let (_folder, files) = files(&[(40, planned)]);
+    let verdict = answer::explain(&program(), &files[0], 1).verdict.expect("a verdict");
+    assert_eq!(verdict.verdict, "unknown");
 }

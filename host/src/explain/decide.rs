@@ -11,6 +11,7 @@ use super::linear::{Base, inner};
 use super::noise::{self, Noise};
 use super::screen::{self, Scored};
 use super::shortlist::{SAME_GAP, class, shortlist};
+use super::teeth;
 use super::threshold::kept_null_scores;
 use super::verdict::{CLOSED, Decision, KEPT, MOST_NAMED, PROVEN, Rounds, Verdict, priors_complain};
 use crate::identify::Columns;
@@ -28,9 +29,6 @@ const AS_NEAR: f64 = 1.2;
 const SHORTLISTS: usize = 3;
 /// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm.
 const WORSE: f64 = 1.02;
-/// By what factor a spring has to narrow that gap beside a gap between the same joint's teeth, or the gap beside the spring:
-/// teeth are not rigid, and a shaft's stiffness beside its gap is no fault of its own.
-const TEETH: f64 = 0.95;
 /// A score must beat the largest of the null simulations by this factor and this much.
 const MARGIN_FACTOR: f64 = 1.25;
 const MARGIN: f64 = 10.0;
@@ -223,7 +221,8 @@ impl Case<'_> {
             if round > 0 && gap <= FAR * floor && !confirmed.is_empty() {
                 // Far from the floor there are others still to be found, and only all of them together narrow it.
                 let reached = self.judging_gap(&current.hypothesis);
-                confirmed.retain(|(rival, _)| rival.held_out_gap <= may_widen(rival, &accepted) * reached);
+                let may_widen = |rival: &Rival| teeth::has_to_narrow(rival, &accepted).unwrap_or(WORSE);
+                confirmed.retain(|(rival, _)| rival.held_out_gap <= may_widen(rival) * reached);
                 // It has to show there in counts, or else where they are weighed by the noise.
                 let shows = |(rival, fitted): &(Rival, Fitted)| {
                     // Instants are found anew there, so that some always narrow it a little.
@@ -258,6 +257,10 @@ impl Case<'_> {
                 first = Some((current.clone(), only.clone(), noise));
             }
             self.take_back(&mut current, &mut accepted, known.len(), &train.weights(&noise), threshold);
+            // An arm's verdict names no more of them: the rest of the way would end in "unknown" only later.
+            if train.setting.experiment.robot.joints.len() > 1 && teeth::count(&accepted) > MOST_NAMED {
+                break;
+            }
         }
         let rounds = Rounds {
             start,
@@ -272,7 +275,7 @@ impl Case<'_> {
             scores: [null_score, threshold],
         };
         // With many effects anything can be imitated. Where one alone explains enough, the others were its own faults.
-        if rounds.accepted.len() > MOST_NAMED
+        if teeth::count(&rounds.accepted) > MOST_NAMED
             && let Some((fitted, accepted, noise)) = first
         {
             let alone = self.judge(Rounds { fitted, accepted: vec![accepted], noise, ..rounds.clone() });
@@ -444,14 +447,6 @@ impl Case<'_> {
             }
         }
     }
-}
-
-/// By what factor a rival beside `accepted` effects may change the gap that they leave.
-fn may_widen(rival: &Rival, accepted: &[Accepted]) -> f64 {
-    let of_shaft = |name: &str| matches!(name, "backlash" | "joint-flexibility");
-    let instance = &rival.instance;
-    let same_shaft = accepted.iter().any(|other| of_shaft(other.name) && other.joint == instance.joint);
-    if of_shaft(instance.kind.name) && same_shaft { TEETH } else { WORSE }
 }
 
 /// The largest of the null scores but for two: a simulated start that happens to stick far off is no measure of chance.

@@ -12,6 +12,7 @@ use super::library::{LIBRARY, Role};
 use super::next::{NextTrajectory, next_trajectory};
 use super::report::pictures;
 use super::sentences::{place, sentences};
+use super::teeth;
 use super::verdict::{Decision, Verdict};
 use crate::identify::Parameter;
 use crate::model::{Effect, Model};
@@ -190,6 +191,7 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
         };
         found.push((finding, instance.clone()));
     }
+    let found = teeth::merged(found);
     let named = matches!(decision.verdict, Verdict::Named | Verdict::Partial);
     let gap = Gap {
         unit: "counts_rms",

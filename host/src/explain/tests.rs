@@ -100,6 +100,23 @@ fn what_only_resembles_an_effect_is_not_given_its_name() {
     }
 }
 
+/// How a joint's inertia is shared between motor and link nobody knows beforehand. A share that is wrong leaves gaps of
+/// several times the floor, and a count that seems lost beside play.
+#[test]
+fn flexibility_and_play_are_found_whatever_the_motor_weighs() {
+    let effects: [(&str, usize, &[f64]); 2] =
+        [("joint-flexibility", 0, &[2.5e-5, 6e-4, 3.1e-4]), ("backlash", 1, &[1.2e-3, 1.4e-4])];
+    for (name, joint, values) in effects {
+        let explanation = explained(&[(name, joint, values)]);
+        let [finding] = &explanation.effects[..] else { panic!("{name}: {:?}", explanation.sentences) };
+        assert_eq!((explanation.verdict, finding.name), (Verdict::Named, name), "{:?}", explanation.sentences);
+        let found = finding.parameters["motor_inertia_kg_m2"].value / values.last().expect("values");
+        assert!((found - 1.0).abs() < 0.05, "{name}: {:?}", finding.parameters);
+        let held_out = explanation.gap.held_out.expect("a recording was kept back");
+        assert!(held_out.after < 1.05 * explanation.gap.floor, "{name}: {:?}", explanation.gap);
+    }
+}
+
 /// An irregular torque of 5 % of the Coulomb friction is no robot's noise.
 #[test]
 fn more_noise_than_a_robot_has_is_called_unknown() {

@@ -7,6 +7,7 @@ use super::hypothesis::Hypothesis;
 use super::linear::inner;
 use super::noise::Noise;
 use super::remainder::{Remainder, remainders};
+use super::teeth;
 use crate::identify::Columns;
 
 /// No robot's unknown torque is larger than this share of its Coulomb friction: what is larger is an effect.
@@ -172,7 +173,7 @@ impl Case<'_> {
             let least = f64::min(KEPT * gained * held_out.length / train.length(), PROVEN);
             !by_motion || held_out.gain >= least
         });
-        let count = rounds.accepted.len();
+        let count = teeth::count(&rounds.accepted);
         let closes = kept
             && held_out_agrees(gaps, floor)
             && (after <= CLOSED * floor || (count == 1 && foretold >= FORETOLD && after <= HELD_OUT_CLOSED * floor));
