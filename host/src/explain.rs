@@ -23,6 +23,7 @@ mod instance;
 mod kept_thresholds;
 mod library;
 mod linear;
+mod lobes;
 mod next;
 mod noise;
 mod nulls;

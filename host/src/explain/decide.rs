@@ -10,7 +10,7 @@ use super::library::Search;
 use super::linear::{Base, inner};
 use super::noise::{self, Noise};
 use super::screen::{self, Scored};
-use super::shortlist::{SAME_GAP, class, shortlist};
+use super::shortlist::{SAME_GAP, class, preferred_first, shortlist};
 use super::teeth;
 use super::threshold::kept_null_scores;
 use super::verdict::{CLOSED, Decision, KEPT, MOST_NAMED, PROVEN, Rounds, Verdict, priors_complain};
@@ -184,8 +184,17 @@ impl Case<'_> {
             // kept back show whatever is taken first: then what closes the gap where it was fitted counts.
             let bent = round == 0 && priors_complain(train, &current.hypothesis);
             let closes = |fitted: &Fitted| train.gap(&train.innovations(&fitted.hypothesis)) <= CLOSED * floor;
+            // Near the floor noise makes gaps wider or narrower: there it is weighed what shows in the recordings kept back.
+            let near = round == 0 && gap <= FAR * floor && self.check.is_some();
+            let nearer = |rival: &Rival, fitted: &Fitted| {
+                if near {
+                    rival.held_out_gap <= most_gap.max(noise_gap) && self.shows_in_kept_back(&current, fitted, &noise)
+                } else {
+                    rival.held_out_gap <= most_gap
+                }
+            };
             let leads_on = |rival: &Rival, fitted: &Fitted| {
-                rival.delta_bic >= threshold && (rival.held_out_gap <= most_gap || bent && closes(fitted))
+                rival.delta_bic >= threshold && (nearer(rival, fitted) || bent && closes(fitted))
             };
             let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
             for _ in 0..SHORTLISTS {
@@ -239,6 +248,7 @@ impl Case<'_> {
             if nearest > FAR * floor {
                 confirmed.retain(|(rival, _)| rival.held_out_gap <= AS_NEAR * nearest);
             }
+            preferred_first(&mut confirmed);
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
             if settled && best.delta_bic < self.least_more(&current.hypothesis, &accepted, [gap, floor], &noise) {
                 break;
@@ -252,7 +262,7 @@ impl Case<'_> {
             });
             // Everything once more, nothing taken from before.
             let (fitted, less_noise) = self.settle(best_fitted, noise);
-            (current, noise) = (fitted, less_noise);
+            (current, noise) = (self.with_better_orders(fitted, known.len(), &train.weights(&less_noise)), less_noise);
             if let [only] = &accepted[..] {
                 first = Some((current.clone(), only.clone(), noise));
             }

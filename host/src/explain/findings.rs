@@ -180,7 +180,7 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
     for (accepted, (instance, errors)) in
         decision.accepted.iter().zip(decision.fitted.hypothesis.named.iter().zip(&error_lists).skip(known))
     {
-        let parameters = parameters(instance, errors);
+        let parameters = parameters(&instance.upright(), errors);
         let finding = Finding {
             name: accepted.name,
             joint: instance.joint_name(robot),
@@ -321,6 +321,7 @@ fn extended(
         .iter()
         .zip(error_lists)
         .map(|(instance, errors)| {
+            let instance = instance.upright();
             let common = instance.kind.parameters.iter().zip(&instance.common);
             let first = instance.records.first();
             let mut own = first.into_iter().flatten();

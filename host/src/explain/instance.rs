@@ -68,6 +68,29 @@ impl Instance {
         new
     }
 
+    /// This with a wave's amplitude above 0: below, it is the same wave half a turn on.
+    pub fn upright(&self) -> Self {
+        let mut new = self.clone();
+        let phases = || self.kind.parameters.iter().filter(|parameter| parameter.role == Role::Phase);
+        // An angle of a spring, too, turns its torque round.
+        if phases().count() != 1 || self.common[0].is_none_or(|size| size >= 0.0) {
+            return new;
+        }
+        new.common[0] = self.common[0].map(|size| -size);
+        for (parameter, value) in self.kind.parameters.iter().zip(&mut new.common) {
+            if let Some(value) = value.as_mut().filter(|_| parameter.role == Role::Phase) {
+                *value += std::f64::consts::PI;
+            }
+        }
+        let own: Vec<&Parameter> = self.kind.parameters.iter().filter(|parameter| parameter.per_record).collect();
+        for values in &mut new.records {
+            for (_, value) in own.iter().zip(values).filter(|(parameter, _)| parameter.role == Role::Phase) {
+                *value += std::f64::consts::PI;
+            }
+        }
+        new
+    }
+
     /// Whether its size is one that counts as an effect: an encoder loses whole counts, no torque constant is known to a
     /// thousandth, a contact has a length and does not begin with every recording, and a motor's own torque repeats with its
     /// turn, not more slowly.

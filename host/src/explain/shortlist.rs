@@ -91,6 +91,16 @@ fn correlation(a: &[f64], b: &[f64], weights: &[f64]) -> f64 {
     inner(a, b, weights) / (inner(a, a, weights) * inner(b, b, weights)).sqrt().max(f64::MIN_POSITIVE)
 }
 
+/// Of the candidates that fit as well as the best, puts the one first that foretells best what was kept back.
+pub fn preferred_first(confirmed: &mut [(Rival, Fitted)]) {
+    let Some((best, _)) = confirmed.first() else { return };
+    let as_good = confirmed.iter().take_while(|(rival, _)| best.delta_bic - rival.delta_bic <= SAME_BIC).count();
+    let gap = |index: usize| confirmed[index].0.held_out_gap;
+    let preferred =
+        (1..as_good).fold(0, |first, other| if gap(other) < (1.0 - SAME_GAP) * gap(first) { other } else { first });
+    confirmed[..=preferred].rotate_right(1);
+}
+
 /// The names that cannot be told from the best candidate, its own first.
 pub fn class(confirmed: &[(Rival, Fitted)]) -> Vec<&'static str> {
     let Some((best, _)) = confirmed.first() else { return Vec::new() };
@@ -101,7 +111,7 @@ pub fn class(confirmed: &[(Rival, Fitted)]) -> Vec<&'static str> {
         }
     }
     for (rival, _) in &confirmed[1..] {
-        let near = best.delta_bic - rival.delta_bic <= SAME_BIC
+        let near = (best.delta_bic - rival.delta_bic).abs() <= SAME_BIC
             && (rival.held_out_gap - best.held_out_gap).abs() <= SAME_GAP * best.held_out_gap;
         let name = rival.instance.kind.name;
         if near && class.len() < CLASS && !class.contains(&name) {

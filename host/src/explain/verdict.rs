@@ -175,7 +175,7 @@ impl Case<'_> {
         });
         let count = teeth::count(&rounds.accepted);
         let closes = kept
-            && held_out_agrees(gaps, floor)
+            && held_out_agrees(held_out.as_ref(), floor)
             && (after <= CLOSED * floor || (count == 1 && foretold >= FORETOLD && after <= HELD_OUT_CLOSED * floor));
         // An axis has half as many effects to choose from as an arm, so that more of them imitate less.
         let arm = train.setting.experiment.robot.joints.len() > 1;
@@ -245,7 +245,11 @@ pub fn priors_complain(engine: &Engine, hypothesis: &Hypothesis) -> bool {
     engine.prior_cost(hypothesis) > known + 10.0 * (2.0 * known).sqrt()
 }
 
-/// Whether the recordings kept back are closed as well, or nearly, and no worse than with the baseline.
-fn held_out_agrees(held_out: Option<[f64; 2]>, floor: f64) -> bool {
-    held_out.is_none_or(|[before, after]| after <= HELD_OUT_CLOSED * floor && after <= before.max(CLOSED * floor))
+/// Whether the recordings kept back are closed as well, or nearly, and no worse than with the baseline, or better once they are
+/// weighed by the noise.
+fn held_out_agrees(held_out: Option<&HeldOut>, floor: f64) -> bool {
+    held_out.is_none_or(|held_out| {
+        let [before, after] = held_out.gaps;
+        after <= HELD_OUT_CLOSED * floor && (after <= before.max(CLOSED * floor) || held_out.gain >= FORETELLS)
+    })
 }
