@@ -12,6 +12,7 @@
 
 mod agreement;
 mod audit;
+mod confirm;
 mod curves;
 mod decide;
 mod engine;

@@ -100,7 +100,7 @@ fn a_full_benchmark_has_what_it_must_have() {
     let cases = "full".parse::<Specification>().expect("a known word").cases();
     let count = |wanted: &dyn Fn(&Planned) -> bool| cases.iter().filter(|case| wanted(case)).count();
     assert!(count(&|case| case.hidden == Hidden::Null) >= 300);
-    assert_eq!(count(&|case| matches!(case.hidden, Hidden::Single { .. })), 26 * 2 * 5 * 2);
+    assert_eq!(count(&|case| matches!(case.hidden, Hidden::Single { .. })), 26 * 2 * TIERS.len() * 2);
     let noisy = count(&|case| case.noisy);
     assert!((noisy as f64 / cases.len() as f64 - 0.5).abs() < 0.02, "{noisy} of {}", cases.len());
     let mut outside: Vec<&str> = cases

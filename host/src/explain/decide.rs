@@ -6,7 +6,6 @@ use super::engine::{Engine, Fitted, Free};
 use super::held_out::{adapted, kept_back_floor};
 use super::hypothesis::Hypothesis;
 use super::instance::Instance;
-use super::library::Search;
 use super::linear::{Base, inner};
 use super::noise::{self, Noise};
 use super::screen::{self, Scored};
@@ -23,6 +22,9 @@ const CONFIRMED: usize = 5;
 /// Candidates refitted beside those, while the gap is [`FAR`] from the floor: those that explain most of it in counts.
 const PLAINLY: usize = 2;
 const FAR: f64 = 1.5;
+/// Far from the floor so many of those that lead are refitted to their end: one of two effects, or a large one, is a long way
+/// from where it begins.
+const LEADERS: usize = 4;
 /// Gaps within this factor of the least are about as near.
 const AS_NEAR: f64 = 1.2;
 /// How many such shortlists are gone through until something brings the model nearer.
@@ -211,7 +213,8 @@ impl Case<'_> {
                 if round > 0 {
                     bases.push(current.hypothesis.base.clone());
                 }
-                let tried = self.confirm(&current, &starts, &bases, &weights);
+                let leaders = if gap > FAR * floor { LEADERS } else { 0 };
+                let tried = self.confirm(&current, &starts, &bases, &weights, leaders);
                 rivals.extend(tried.iter().map(|(rival, _)| rival.clone()));
                 confirmed.extend(tried);
                 confirmed.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
@@ -235,8 +238,7 @@ impl Case<'_> {
                 // It has to show there in counts, or else where they are weighed by the noise.
                 let shows = |(rival, fitted): &(Rival, Fitted)| {
                     // Instants are found anew there, so that some always narrow it a little.
-                    let narrows =
-                        rival.held_out_gap < reached && !matches!(rival.instance.kind.search, Search::Instant);
+                    let narrows = rival.held_out_gap < reached && !rival.instance.has_instants();
                     narrows || self.shows_in_kept_back(&current, fitted, &noise)
                 };
                 let first = confirmed.iter().position(shows).unwrap_or(confirmed.len());
@@ -246,7 +248,9 @@ impl Case<'_> {
             // only among those that come about as near as any.
             let nearest = confirmed.iter().map(|(rival, _)| rival.held_out_gap).fold(f64::INFINITY, f64::min);
             if nearest > FAR * floor {
-                confirmed.retain(|(rival, _)| rival.held_out_gap <= AS_NEAR * nearest);
+                confirmed.retain(|(rival, fitted)| {
+                    rival.held_out_gap <= AS_NEAR * nearest || shows_in_current(&current, fitted, rival)
+                });
             }
             preferred_first(&mut confirmed);
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
@@ -300,8 +304,7 @@ impl Case<'_> {
     /// known may have been taken for noise.
     fn settle(&self, mut fitted: Fitted, mut noise: Noise) -> (Fitted, Noise) {
         let train = &self.train;
-        let of_instants = |instance: &Instance| matches!(instance.kind.search, Search::Instant);
-        let instants = fitted.hypothesis.named.iter().any(of_instants);
+        let instants = fitted.hypothesis.named.iter().any(Instance::has_instants);
         let iterations = if instants { INSTANTS_SETTLED_AFTER } else { SETTLED_AFTER };
         for _ in 0..TURNS {
             let white = noise.map(|joint| joint.white_counts2);
@@ -322,47 +325,8 @@ impl Case<'_> {
         (fitted, noise)
     }
 
-    /// Refits the shortlisted effects beside `current` from each of the bases, best first.
-    fn confirm(
-        &self,
-        current: &Fitted,
-        starts: &[Instance],
-        bases: &[Vec<f64>],
-        weights: &[f64],
-    ) -> Vec<(Rival, Fitted)> {
-        let train = &self.train;
-        let penalty = (train.setting.rows.count() as f64).ln();
-        let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
-        for (start, base) in starts.iter().flat_map(|start| bases.iter().map(move |base| (start, base))) {
-            let hypothesis = Hypothesis { base: base.clone(), ..current.hypothesis.with(start.clone()) };
-            let Some(alone) = train.refit(&hypothesis, weights, &current.columns, Free::Last, 3) else { continue };
-            let Some(fitted) = train.refit(&alone.hypothesis, weights, &current.columns, Free::All, 4) else {
-                continue;
-            };
-            let Some(instance) = fitted.hypothesis.named.last().cloned() else { continue };
-            if !instance.can_be() {
-                continue;
-            }
-            let price = instance.kind.price(train.setting.experiment.segments.len()) * penalty;
-            let delta_bic = current.cost - fitted.cost - price;
-            let key = (instance.kind.name, instance.joint);
-            let same = |rival: &Rival| (rival.instance.kind.name, rival.instance.joint) == key;
-            let rival = Rival { instance, delta_bic, held_out_gap: f64::NAN };
-            match confirmed.iter_mut().find(|(other, _)| same(other)) {
-                Some(other) if other.0.delta_bic < delta_bic => *other = (rival, fitted),
-                Some(_) => {}
-                None => confirmed.push((rival, fitted)),
-            }
-        }
-        confirmed.sort_by(|a, b| b.0.delta_bic.total_cmp(&a.0.delta_bic));
-        for (rival, fitted) in &mut confirmed {
-            rival.held_out_gap = self.judging_gap(&fitted.hypothesis);
-        }
-        confirmed
-    }
-
     /// The gap on the recordings kept back, or on those fitted without any.
-    fn judging_gap(&self, hypothesis: &Hypothesis) -> f64 {
+    pub fn judging_gap(&self, hypothesis: &Hypothesis) -> f64 {
         match &self.check {
             Some(check) => check.gap(&check.innovations(&adapted(check, hypothesis, &check_weights(check)))),
             None => self.train.gap(&self.train.innovations(hypothesis)),
@@ -435,15 +399,13 @@ impl Case<'_> {
         weights: &[f64],
         threshold: f64,
     ) {
-        let penalty = (self.train.setting.rows.count() as f64).ln();
         while accepted.len() > 1 {
             let mut weakest: Option<(f64, usize, Fitted)> = None;
             for index in 0..accepted.len() - 1 {
                 let mut without = current.hypothesis.clone();
-                let removed = without.named.remove(known + index);
+                without.named.remove(known + index);
                 let Some(fitted) = self.train.refit(&without, weights, &[], Free::All, 3) else { continue };
-                let price = removed.kind.price(self.train.setting.experiment.segments.len()) * penalty;
-                let loss = fitted.cost - current.cost - price;
+                let loss = fitted.cost - current.cost - self.train.price(current, known + index, weights);
                 if weakest.as_ref().is_none_or(|(least, ..)| loss < *least) {
                     weakest = Some((loss, index, fitted));
                 }
@@ -457,6 +419,13 @@ impl Case<'_> {
             }
         }
     }
+}
+
+/// Whether it is the measured current that mostly speaks for a rival: the amplifier does what was seen of it, however near
+/// another effect, still missing, lets the motion come.
+fn shows_in_current(without: &Fitted, with: &Fitted, rival: &Rival) -> bool {
+    let of_current = |fitted: &Fitted| fitted.residual.current.iter().map(|x| x * x).sum::<f64>();
+    of_current(without) - of_current(with) > 0.5 * rival.delta_bic
 }
 
 /// The largest of the null scores but for two: a simulated start that happens to stick far off is no measure of chance.

@@ -3,6 +3,7 @@
 use super::fit::{Refit, Setting, Solution};
 use super::hypothesis::{Baseline, Hypothesis};
 use super::instance::Instance;
+use super::library::{Parameter, Role};
 use super::linear::Column;
 use super::noise::{self, Noise};
 use super::response::Response;
@@ -124,6 +125,22 @@ impl<'a> Engine<'a> {
             errors[of] = covariance[(index, index)].max(0.0).sqrt();
         }
         errors
+    }
+
+    /// What the parameters of the `index`-th effect of a fitted hypothesis cost where χ² is weighed against them (BIC).
+    pub fn price(&self, fitted: &Fitted, index: usize, weights: &[f64]) -> f64 {
+        let whole = (self.setting.rows.count() as f64).ln();
+        let named = &fitted.hypothesis.named;
+        let own: Vec<&Parameter> = named[index].flat().into_iter().map(|(parameter, _)| parameter).collect();
+        let mut price = named[index].kind.price(self.setting.experiment.segments.len()) * whole;
+        if own.iter().any(|parameter| parameter.role == Role::Detail) {
+            let before: usize = named[..index].iter().map(|other| other.flat().len()).sum();
+            let errors = self.standard_errors(fitted, weights);
+            let own = own.into_iter().zip(&errors[fitted.hypothesis.base.len() + before..]);
+            let details = own.filter(|(parameter, _)| parameter.role == Role::Detail);
+            price += details.map(|(parameter, &error)| parameter.price_of_detail(error, whole)).sum::<f64>();
+        }
+        price
     }
 
     /// Innovations of a hypothesis in counts.

@@ -2,7 +2,7 @@
 
 use shared::effects::Effects;
 
-use super::library::{Kind, Parameter, Role};
+use super::library::{Kind, Parameter, Role, Search};
 
 /// Least order of a torque of the motor's own, per turn of it: poles, slots and brushes all repeat at least once a turn. A
 /// little below that, because an order that is fitted scatters.
@@ -49,6 +49,11 @@ impl Instance {
         robot.joints[self.joint].name.clone()
     }
 
+    /// Whether it comes at an instant of every recording's own.
+    pub fn has_instants(&self) -> bool {
+        matches!(self.kind.search, Search::Instant)
+    }
+
     /// Every value with its parameter: the common ones first, then recording by recording.
     pub fn flat(&self) -> Vec<(&'static Parameter, f64)> {
         let common = self.kind.parameters.iter().zip(&self.common);
@@ -91,13 +96,13 @@ impl Instance {
         new
     }
 
-    /// Whether its size is one that counts as an effect: an encoder loses whole counts, no torque constant is known to a
-    /// thousandth, a contact has a length and does not begin with every recording, and a motor's own torque repeats with its
+    /// Whether its size is one that counts as an effect: an encoder loses whole counts, no torque constant is known to two
+    /// thousandths, a contact has a length and does not begin with every recording, and a motor's own torque repeats with its
     /// turn, not more slowly.
     pub fn can_be(&self) -> bool {
         let least = match self.kind.name {
             "count-loss" => 0.9,
-            "torque-constant" => 1e-3,
+            "torque-constant" => 2e-3,
             _ => 0.0,
         };
         let lasts = |(parameter, value): (&Parameter, &Option<f64>)| {

@@ -13,6 +13,8 @@ pub enum Role {
     Phase,
     /// A moment at which something changes, or how long after another.
     Moment,
+    /// Its shape, of which next to all is known beforehand: its range is narrow, and the recordings tell little more.
+    Detail,
 }
 
 /// One parameter of an effect.
@@ -52,9 +54,22 @@ impl Parameter {
     }
 
     /// How many parameters it counts for where ΔBIC sets a price on them. A moment can be anywhere in a recording, so that
-    /// chance has as many tries: it counts for two (modified BIC of Zhang and Siegmund, Biometrics 63, 2007).
+    /// chance has as many tries: it counts for two (modified BIC of Zhang and Siegmund, Biometrics 63, 2007). What a detail
+    /// costs hangs on how much the recordings tell of it ([`Parameter::price_of_detail`]).
     fn price(&self) -> usize {
-        if self.role == Role::Moment { 2 } else { 1 }
+        match self.role {
+            Role::Moment => 2,
+            Role::Detail => 0,
+            Role::Size | Role::Shape | Role::Phase => 1,
+        }
+    }
+
+    /// What a detail costs in χ² that was found with this standard error, where others cost `whole`: nothing if it can be
+    /// anywhere in its range still (the volume of its posterior over that of its prior, as in Laplace's approximation, which
+    /// BIC is the limit of).
+    pub fn price_of_detail(&self, standard_error: f64, whole: f64) -> f64 {
+        let [low, high] = self.range;
+        (2.0 * ((high - low) / standard_error).ln()).clamp(0.0, whole)
     }
 
     /// The number itself.
@@ -125,6 +140,9 @@ pub const fn size(name: &'static str, unit: &'static str, place: Place, step: f6
 const fn shape(name: &'static str, unit: &'static str, place: Place, step: f64, range: [f64; 2]) -> Parameter {
     Parameter { name, unit, place, role: Role::Shape, step, range, per_record: false }
 }
+const fn detail(name: &'static str, unit: &'static str, place: Place, step: f64, range: [f64; 2]) -> Parameter {
+    Parameter { name, unit, place, role: Role::Detail, step, range, per_record: false }
+}
 const fn phase(name: &'static str, place: Place, per_record: bool) -> Parameter {
     Parameter { name, unit: "rad", place, role: Role::Phase, step: 1e-3, range: [-1e3, 1e3], per_record }
 }
@@ -184,7 +202,11 @@ pub const LIBRARY: [Kind; 26] = [
     Kind {
         name: "load-dependent-friction",
         of_arm: false,
-        parameters: &[size("coefficient", "", joint!(load_friction_coefficient), 1e-3, [-1.0, 1.0])],
+        parameters: &[
+            size("coefficient", "", joint!(load_friction_coefficient), 1e-3, [-1.0, 1.0]),
+            // What the gear transmits is what the motor's own inertia does not take.
+            detail("motor_inertia_kg_m2", "kg m²", joint!(motor_inertia_kg_m2), 1e-5, [1e-7, 2e-3]),
+        ],
         search: Search::Proportional(&[&[]]),
         equivalent: &[],
         phrase: "friction that grows with the load",
@@ -330,7 +352,7 @@ pub const LIBRARY: [Kind; 26] = [
         name: "current-saturation",
         of_arm: false,
         parameters: &[size("limit_a", "A", joint!(current_limit_a), 0.02, [0.05, 1e3])],
-        search: Search::Limit(&[0.985, 0.95, 0.9, 0.8, 0.7]),
+        search: Search::Limit(&[0.995, 0.985, 0.95, 0.9, 0.8, 0.7]),
         equivalent: &[],
         phrase: "a current limit",
     },
@@ -341,7 +363,7 @@ pub const LIBRARY: [Kind; 26] = [
             size("supply_v", "V", joint!(supply_v), 0.05, [0.5, 1e4]),
             shape("winding_ohm", "Ω", joint!(winding_ohm), 0.01, [0.3, 10.0]),
         ],
-        search: Search::Limit(&[0.985, 0.95, 0.9, 0.8, 0.7]),
+        search: Search::Limit(&[0.995, 0.985, 0.95, 0.9, 0.8, 0.7]),
         equivalent: &[],
         phrase: "a voltage limit",
     },
@@ -366,8 +388,8 @@ pub const LIBRARY: [Kind; 26] = [
         of_arm: true,
         parameters: &[
             size("mass_kg", "kg", arm!(payload_kg), 1e-3, [-20.0, 20.0]),
-            shape("x_m", "m", arm!(payload_x_m), 1e-3, [-0.15, 0.15]),
-            shape("y_m", "m", arm!(payload_y_m), 1e-3, [-0.75, -0.1]),
+            detail("x_m", "m", arm!(payload_x_m), 1e-3, [-0.15, 0.15]),
+            detail("y_m", "m", arm!(payload_y_m), 1e-3, [-0.75, -0.1]),
         ],
         search: Search::Proportional(&[&[0.0, -0.35], &[0.0, -0.45], &[0.0, -0.55]]),
         equivalent: &[],

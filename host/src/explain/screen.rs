@@ -86,7 +86,7 @@ impl Feature {
                     .map(|parameter| match parameter.role {
                         Role::Size => size.clamp(first.range[0], first.range[1]),
                         Role::Phase => waves[0].1,
-                        Role::Shape | Role::Moment => shape.next().unwrap_or(1.0),
+                        Role::Shape | Role::Moment | Role::Detail => shape.next().unwrap_or(1.0),
                     })
                     .collect();
                 let mut instance = Instance::new(kind, self.joint, &values, self.records);
@@ -205,9 +205,10 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
                 Search::Proportional(shapes) => {
                     let step = kind.parameters[0].step * 3.0;
                     for shape in shapes {
-                        let shape: Vec<f64> = shape.iter().map(|value| value * scale).collect();
+                        let rest = kind.parameters[1 + shape.len()..].iter().map(|p| begin_with(stage, p, joint));
+                        let shape: Vec<f64> = shape.iter().map(|value| value * scale).chain(rest).collect();
                         let values: Vec<f64> = std::iter::once(step).chain(shape.iter().copied()).collect();
-                        add(Form::Proportional(shape.to_vec()), vec![(new(&values), step)], false);
+                        add(Form::Proportional(shape), vec![(new(&values), step)], false);
                     }
                 }
                 Search::Wave(orders) => {
@@ -226,7 +227,7 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
                             let value = |role: Role| match role {
                                 Role::Size => step,
                                 Role::Phase => phase,
-                                Role::Shape | Role::Moment => order,
+                                Role::Shape | Role::Moment | Role::Detail => order,
                             };
                             let values: Vec<f64> = kind.parameters.iter().map(|p| value(p.role)).collect();
                             (new(&values), step)

@@ -137,11 +137,10 @@ impl Case<'_> {
         let weights = train.weights(&decision.noise);
         let named = train.refit(&decision.fitted.hypothesis, &weights, &[], Free::All, 2)?;
         let per_parameter = (train.setting.rows.count() as f64).ln();
-        let records = train.setting.experiment.segments.len();
-        let price = |effects: &[Instance]| {
-            per_parameter * effects.iter().map(|instance| instance.kind.price(records)).sum::<f64>()
+        let price = |fitted: &Fitted| -> f64 {
+            (0..fitted.hypothesis.named.len()).map(|index| train.price(fitted, index, &weights)).sum()
         };
-        let paid = named.cost + price(&named.hypothesis.named);
+        let paid = named.cost + price(&named);
         let mut best: Option<Stranger> = None;
         for (index, effect) in named.hypothesis.named.iter().enumerate().skip(known) {
             let alike = LOOK_ALIKES.iter().filter(|alike| alike.mistaken_for.contains(&effect.kind.name));
@@ -157,7 +156,7 @@ impl Case<'_> {
                     let Some(fitted) = self.best_start(&place, &alike.kind, effect.joint, &starts, &weights) else {
                         continue;
                     };
-                    let delta_bic = paid - fitted.cost - price(&fitted.hypothesis.named);
+                    let delta_bic = paid - fitted.cost - price(&fitted);
                     if delta_bic > best.as_ref().map_or(BETTER, |best| best.delta_bic)
                         && let Some(instance) = fitted.hypothesis.named.last()
                     {

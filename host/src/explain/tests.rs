@@ -152,6 +152,32 @@ fn two_hidden_effects_are_both_named() {
     assert!(explanation.gap.after < 1.05 * explanation.gap.floor, "{:?}", explanation.gap);
 }
 
+/// Beside a torque constant that is off nobody sees at first when something pushed: the instants are found anew with it.
+#[test]
+fn a_contact_beside_another_effect_is_found_where_it_was() {
+    let explanation = explained(&[("torque-constant", 1, &[-0.04]), ("external-contact", 1, &[-2.6, 0.45, 2.2])]);
+    assert_eq!(explanation.verdict, Verdict::Named, "{:?}", explanation.sentences);
+    let mut found: Vec<&str> = explanation.effects.iter().map(|effect| effect.name).collect();
+    found.sort_unstable();
+    assert_eq!(found, ["external-contact", "torque-constant"]);
+    let contact = explanation.effects.iter().find(|effect| effect.name == "external-contact").expect("the contact");
+    for instant in ["start_s_1", "start_s_2"] {
+        assert!((contact.parameters[instant].value - 2.2).abs() < 0.01, "{:?}", contact.parameters);
+    }
+}
+
+/// A gear transmits what the motor's inertia does not take, and how much that is nobody knows beforehand: a share that is
+/// wrong left what a spring or a gap took.
+#[test]
+fn friction_that_grows_with_the_load_comes_with_the_motors_inertia() {
+    let explanation = explained(&[("load-dependent-friction", 1, &[0.08, 3e-4])]);
+    let [finding] = &explanation.effects[..] else { panic!("{:?}", explanation.sentences) };
+    assert_eq!((explanation.verdict, finding.name), (Verdict::Named, "load-dependent-friction"));
+    let found = |name: &str| finding.parameters[name].value;
+    assert!((found("coefficient") / 0.08 - 1.0).abs() < 0.03, "{:?}", finding.parameters);
+    assert!((found("motor_inertia_kg_m2") / 3e-4 - 1.0).abs() < 0.1, "{:?}", finding.parameters);
+}
+
 /// While the spring is unknown, base parameters bend to imitate it: beside the other effect it is found from where they were.
 #[test]
 fn an_effect_that_base_parameters_imitate_is_named_beside_another() {

@@ -35,13 +35,14 @@ pub struct Tier {
     pub size: f64,
 }
 
-/// From clear to where naming must fail.
-pub const TIERS: [Tier; 5] = [
+/// From clear to where naming must fail; and, last, what breaks the arm more than a model close to it can follow.
+pub const TIERS: [Tier; 6] = [
     Tier { name: "clear", size: 1.0 },
     Tier { name: "medium", size: 0.4 },
     Tier { name: "small", size: 0.15 },
     Tier { name: "tiny", size: 0.05 },
     Tier { name: "hardly", size: 0.015 },
+    Tier { name: "large", size: 2.5 },
 ];
 
 /// One case to be drawn.

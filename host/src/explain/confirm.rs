@@ -1,0 +1,90 @@
+//! The effects that the screen puts first, refitted.
+
+use super::decide::{Case, Rival};
+use super::engine::{Fitted, Free};
+use super::held_out::adapted;
+use super::hypothesis::Hypothesis;
+use super::instance::Instance;
+
+/// Iterations of an effect alone, and of everything with it.
+const ALONE: usize = 3;
+const TOGETHER: usize = 4;
+/// Iterations more, at most, of what is refitted to its end.
+const TO_THE_END: usize = 10;
+/// A gap narrower than this many counts of the encoder shows nowhere: what it brings, its motor's inertia does.
+const LEAST_PLAY_COUNTS: f64 = 0.1;
+
+impl Case<'_> {
+    /// Refits the shortlisted effects beside `current` from each of the bases, best first, and so many `leaders` to the end.
+    pub fn confirm(
+        &self,
+        current: &Fitted,
+        starts: &[Instance],
+        bases: &[Vec<f64>],
+        weights: &[f64],
+        leaders: usize,
+    ) -> Vec<(Rival, Fitted)> {
+        let train = &self.train;
+        let rival = |fitted: &Fitted| -> Option<Rival> {
+            let instance = fitted.hypothesis.named.last().cloned()?;
+            let last = fitted.hypothesis.named.len() - 1;
+            let delta_bic = current.cost - fitted.cost - train.price(fitted, last, weights);
+            let shows = instance.can_be() && self.is_wide_enough(&instance);
+            shows.then_some(Rival { instance, delta_bic, held_out_gap: f64::NAN })
+        };
+        let mut confirmed: Vec<(Rival, Fitted)> = Vec::new();
+        for (start, base) in starts.iter().flat_map(|start| bases.iter().map(move |base| (start, base))) {
+            let hypothesis = Hypothesis { base: base.clone(), ..current.hypothesis.with(start.clone()) };
+            let Some(alone) = train.refit(&hypothesis, weights, &current.columns, Free::Last, ALONE) else { continue };
+            let Some(fitted) = train.refit(&alone.hypothesis, weights, &current.columns, Free::All, TOGETHER) else {
+                continue;
+            };
+            let Some(rival) = rival(&fitted) else { continue };
+            let key = |rival: &Rival| (rival.instance.kind.name, rival.instance.joint);
+            match confirmed.iter_mut().find(|(other, _)| key(other) == key(&rival)) {
+                Some(other) if other.0.delta_bic < rival.delta_bic => *other = (rival, fitted),
+                Some(_) => {}
+                None => confirmed.push((rival, fitted)),
+            }
+        }
+        let best_first = |a: &(Rival, Fitted), b: &(Rival, Fitted)| b.0.delta_bic.total_cmp(&a.0.delta_bic);
+        confirmed.sort_by(best_first);
+        for (leader, begun) in confirmed.iter_mut().take(leaders) {
+            if let Some(ended) = self.to_the_end(begun, weights)
+                && let Some(better) = rival(&ended)
+                && better.delta_bic > leader.delta_bic
+            {
+                (*leader, *begun) = (better, ended);
+            }
+        }
+        confirmed.sort_by(best_first);
+        for (rival, fitted) in &mut confirmed {
+            rival.held_out_gap = self.judging_gap(&fitted.hypothesis);
+        }
+        confirmed
+    }
+
+    /// A model whose refit was only begun, refitted to its end: from where it is, from the baseline with the same effects, and
+    /// with instants found anew. While another effect was missing, base parameters bent and instants were found where that
+    /// one showed.
+    fn to_the_end(&self, begun: &Fitted, weights: &[f64]) -> Option<Fitted> {
+        let train = &self.train;
+        // The derivatives of the model before may be far from these by now.
+        let ended = |hypothesis: &Hypothesis| train.refit(hypothesis, weights, &[], Free::All, TO_THE_END);
+        let unbent = Hypothesis { base: train.baseline.values.of(&train.baseline.free), ..begun.hypothesis.clone() };
+        let nearest = |a: &Fitted, b: &Fitted| a.cost.total_cmp(&b.cost);
+        let fitted = [&begun.hypothesis, &unbent].into_iter().filter_map(ended).min_by(nearest)?;
+        if !fitted.hypothesis.named.iter().any(Instance::has_instants) {
+            return Some(fitted);
+        }
+        let again = ended(&adapted(train, &fitted.hypothesis, weights));
+        again.into_iter().chain([fitted]).min_by(nearest)
+    }
+
+    /// Whether a gap between teeth is one that the encoder can show.
+    fn is_wide_enough(&self, instance: &Instance) -> bool {
+        let robot = self.train.setting.experiment.robot;
+        let counts = |gap_rad: f64| gap_rad * robot.joints[instance.joint].counts_per_rad().abs();
+        instance.kind.name != "backlash" || instance.common[0].is_none_or(|gap| counts(gap) >= LEAST_PLAY_COUNTS)
+    }
+}
