@@ -4,6 +4,7 @@
 //! robot, recording, model, trajectory_file   the files of the contract, read with every problem named
 //! link ── client ── capture, journal         bytes to a board, requests and movements, movements to recordings
 //! board_setup, compensation                  robot and model files in the protocol's terms
+//! joint_names                                the board's messages with the robot file's names of the joints
 //! firmware_image                             what may be flashed to a board
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot, hidden_effect                what a simulated board's robot really is
@@ -44,6 +45,7 @@ pub mod hidden_effect;
 pub mod hidden_robot;
 pub mod identified_model;
 pub mod identify;
+pub mod joint_names;
 pub mod journal;
 pub mod lanes;
 pub mod link;
