@@ -2,11 +2,11 @@
 //! follows the reader's light or dark theme.
 //!
 //! ```text
-//! recordings ─┐
-//! parameters ─┤
-//! residuals  ─┼─→ sections of text, tables and pictures ─→ page ─→ HTML
-//! search     ─┤      table.rs, picture.rs (drawn by sheet.rs)    page.rs
-//! load       ─┤
+//! recordings ─┐                                             ┌─→ page.rs ─→ HTML
+//! parameters ─┤                                             │
+//! residuals  ─┼─→ sections of text, tables and pictures ────┤
+//! search     ─┤      table.rs, picture.rs (drawn by draw.rs)│
+//! load       ─┤                                             └─→ text.rs ─→ terminal, without pictures
 //! provenance ─┘
 //! ```
 //!
@@ -23,6 +23,7 @@ mod recordings;
 mod residuals;
 mod search;
 mod table;
+mod text;
 
 pub use draw::{PictureError, inline, sheet};
 pub use load::{Assumed, assumed_load};

@@ -20,7 +20,7 @@ const NOTES: &str = "Makes one page of what is on disk; nothing is identified, n
     measured.
 
 The page is one HTML file that fetches nothing and runs no script. identify, explain, track, load, compare, record, \
-    excite, calibrate and demo write pages of their own results with --report FILE.
+    excite, calibrate, demo and bench write pages of their own results with --report FILE.
 
 Examples:
   armid report slow.csv fast.csv --out report.html

@@ -57,7 +57,7 @@ fn the_commands_of_the_overview_do_what_is_shown() {
     run_code(&bench, code("Using it", "sh", 1), &[]);
     assert!(bench.path("errors.svg").is_file());
     run(&bench, "Report", &[]);
-    for page in ["report.html", "identified.html", "track.html", "load.html"] {
+    for page in ["report.html", "identified.html", "track.html", "load.html", "speed.html"] {
         assert!(std::fs::read_to_string(bench.path(page)).unwrap().contains("<svg"), "{page}");
     }
 }

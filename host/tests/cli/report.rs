@@ -236,6 +236,8 @@ fn a_page_that_cannot_be_written_is_told_before_the_work() {
         "demo",
         "demo explain",
         "demo load",
+        "bench paper",
+        "bench explain --dir .",
     ];
     for command in commands {
         for page in ["folder", "robot.toml/page.html"] {
