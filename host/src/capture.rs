@@ -70,6 +70,7 @@ fn manifest(movement: &Movement, circumstances: &Circumstances<'_>) -> Manifest 
         record_period_s: Some(robot.record_period_s),
         loop_period_s: Some(robot.loop_period_s),
         seed: *seed,
+        model_crc: movement.recording.and_then(|info| info.model_crc).map(|crc| format!("{crc:08x}")),
         rows_read_again: Some(movement.reread_rows),
         partial: movement.partial.as_ref().map(|reason| {
             joint_names::of(robot).map_or_else(|| reason.clone(), |names| joint_names::in_message(reason, &names))

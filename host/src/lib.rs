@@ -18,6 +18,7 @@
 //! margins                                    how far computed torque is from instability on a model's arm
 //! searchers                                  ways to search a box, beside the genetic algorithm
 //! tracking                                   computed torque around a simulated arm, seen exactly
+//! rerun                                      a recorded movement once more, on a simulated board around a model's arm
 //! excite                                     the movement that determines the parameters best
 //! report                                     pages of what was measured, found and done, with their pictures
 //! explain_benchmark                          verdicts on recordings with hidden effects against the truth
@@ -58,6 +59,7 @@ pub mod prior;
 pub mod random;
 pub mod recording;
 pub mod report;
+pub mod rerun;
 pub mod robot;
 pub mod searchers;
 mod toml_text;

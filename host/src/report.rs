@@ -31,7 +31,7 @@ pub use page::{Block, Page, Section};
 pub use parameters::{PAPER_F, PAPER_SCATTER_PERCENT, Row, is_paper_robot, of_model, parameters};
 pub use picture::{Band, Content, Ink, Interval, Intervals, Line, Map, Picture, staircase, thinned};
 pub use provenance::{FileRole, Provenance};
-pub use recordings::{currents, measured, quality, repeated, tracking_pictures};
+pub use recordings::{currents, made_again, measured, quality, repeated, tracking_pictures};
 pub use residuals::residual_maps;
 pub use search::{certainty, convergence};
 pub use table::{Cell, Table};

@@ -32,6 +32,7 @@ fn recording() -> Recording {
             record_period_s: Some(0.0007),
             loop_period_s: Some(0.0007),
             seed: Some(17),
+            model_crc: None,
             rows_read_again: None,
             partial: None,
             joint: vec![joint("2", 0.036), joint("3", 0.048)],

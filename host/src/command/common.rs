@@ -246,7 +246,7 @@ impl TrajectoryArguments {
             let period_s = self.period;
             let trajectory = trajectory_file::paper(period_s)
                 .ok_or_else(|| CommandError::Usage(format!("--period {period_s} is not a positive time in s")))?;
-            return Ok((trajectory, paper_name(period_s)));
+            return Ok((trajectory, trajectory_file::paper_name(period_s)));
         }
         Ok((trajectory_file::read(self.trajectory.as_ref())?, self.trajectory.clone()))
     }
@@ -257,11 +257,6 @@ impl TrajectoryArguments {
         }
         Err(CommandError::Usage(format!("--settle {} is not from 0 to 60 s", self.settle)))
     }
-}
-
-/// The paper's movement in words.
-fn paper_name(period_s: f64) -> String {
-    format!("paper, T = {period_s} s")
 }
 
 /// How near a movement comes to the robot's limits, or the limit it breaks.
