@@ -353,6 +353,23 @@ pub fn read_recordings(paths: &[PathBuf], robot: &Robot, allow_gaps: bool) -> Re
     Ok(recordings)
 }
 
+/// Refuses a recording that is given twice: its noise would count as if it had been measured twice, and what was fitted
+/// cannot be kept back to judge the result on.
+pub fn check_distinct<'a>(recordings: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), CommandError> {
+    let mut known = Vec::new();
+    for path in recordings {
+        let whole = path.canonicalize().unwrap_or_else(|_| path.clone());
+        if known.contains(&whole) {
+            return Err(CommandError::Usage(format!(
+                "{} is given twice, and its noise would count as if it had been measured twice; give it once",
+                path.display()
+            )));
+        }
+        known.push(whole);
+    }
+    Ok(())
+}
+
 /// A simulated robot with the effects of the command line.
 pub fn with_effects(hidden: HiddenRobot, effects: &[String], robot: &Robot) -> Result<HiddenRobot, CommandError> {
     let entries: Vec<Effect> = effects.iter().map(|text| armid::effects::parse(text)).collect::<Result<_, _>>()?;
