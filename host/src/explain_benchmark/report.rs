@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
+use super::case::Kind;
 use super::interval::{Share, quantile};
-use super::score::{Group, Judged, Parameters, Score, by_size, confusion, groups, parameters, power};
+use super::score::{Group, Judged, Parameters, Score, confusion, groups, parameters, power};
 use crate::report::{Cell, Content, Ink, Interval, Intervals, Picture, Section, Table};
 
 /// One method's answers.
@@ -81,9 +82,10 @@ fn power_section(methods: &[Method<'_>]) -> Section {
             }
         }
     }
-    let mut names = vec![format!("up to {}", SIZES_COUNTS[0])];
-    names.extend(SIZES_COUNTS.windows(2).map(|pair| format!("{} to {}", pair[0], pair[1])));
-    names.push(format!("above {}", SIZES_COUNTS[SIZES_COUNTS.len() - 1]));
+    // There is little room below an axis.
+    let mut names = vec![format!("≤ {}", SIZES_COUNTS[0])];
+    names.extend(SIZES_COUNTS.windows(2).map(|pair| format!("{}–{}", pair[0], pair[1])));
+    names.push(format!("> {}", SIZES_COUNTS[SIZES_COUNTS.len() - 1]));
     let source = |(place, method): (usize, &Method<'_>)| {
         let interval = |share: &Share| {
             let ([low, high], value) = (share.interval()?, share.value()?);
@@ -97,6 +99,18 @@ fn power_section(methods: &[Method<'_>]) -> Section {
     let picture = Picture::of("Single effects named or classed rightly, by size in counts rms", ["", "%"], content)
         .note("With Wilson's 95 % intervals.");
     Section::new("Power against size").pictures(vec![picture]).table(table)
+}
+
+/// How many single effects were named or classed rightly, by size in counts rms on the joint where it is largest: up to the
+/// first of `bounds_counts`, between each and the next, and above the last.
+fn by_size(judged: &[Judged], bounds_counts: &[f64]) -> Vec<Share> {
+    let mut shares = vec![Share::default(); bounds_counts.len() + 1];
+    for one in judged.iter().filter(|one| one.truth.kind == Kind::Single) {
+        let counts = one.truth.size_counts.iter().copied().fold(0.0, f64::max);
+        let right = groups(std::slice::from_ref(one)).values().any(|score| score.in_class.hits > 0);
+        shares[bounds_counts.iter().filter(|bound| counts > **bound).count()].add(right);
+    }
+    shares
 }
 
 fn scores(method: &Method<'_>) -> Table {
@@ -225,4 +239,39 @@ pub fn json(methods: &[Method<'_>]) -> Value {
         })
     };
     Value::Array(methods.iter().map(of_method).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::answer::{Answer, Named, Verdict};
+    use super::super::case::{Hidden, Truth};
+    use super::*;
+
+    /// A case with cogging hidden, and named or not.
+    fn case(kind: Kind, size_counts: [f64; 2], named: bool) -> Judged {
+        let (name, joint) = ("cogging".to_string(), "2".to_string());
+        let effects = if named {
+            vec![Named { name: name.clone(), joint: joint.clone(), ..Named::default() }]
+        } else {
+            Vec::new()
+        };
+        let effect = vec![Hidden { name, joint, parameters: BTreeMap::new() }];
+        let verdict = Some(Verdict { verdict: "named".into(), effects, gap: None });
+        let (size_counts, size_of_coulomb) = (size_counts.to_vec(), vec![0.1]);
+        let truth = Truth { kind, tier: "clear".into(), noisy: false, size_counts, size_of_coulomb, effect };
+        Judged { case: "case".into(), truth, answer: Answer { verdict, ..Answer::default() } }
+    }
+
+    #[test]
+    fn single_effects_are_counted_by_the_size_on_the_joint_where_they_are_largest() {
+        let single = Kind::Single;
+        let cases = [
+            case(single, [0.1, 4.0], true),
+            case(single, [1.5, 0.2], true),
+            case(single, [0.4, 0.0], false),
+            case(Kind::Pair, [9.0, 0.0], true),
+        ];
+        let share = |hits: usize| Share { hits, of: 1 };
+        assert_eq!(by_size(&cases, &[0.4, 2.0]), [share(0), share(1), share(1)]);
+    }
 }

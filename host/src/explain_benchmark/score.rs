@@ -209,38 +209,18 @@ pub struct Power {
     pub limit_percent_of_coulomb: Option<f64>,
 }
 
-/// A single effect that was hidden: itself, whether it was named or classed rightly, and its size in counts rms on the joint
-/// where it is largest. Nothing of other cases.
-fn single(judged: &Judged) -> Option<(&Hidden, bool, f64)> {
-    let hidden = judged.truth.effect.first().filter(|_| judged.truth.kind == Kind::Single)?;
-    let mut one = Score::default();
-    one.add(judged);
-    Some((hidden, one.in_class.hits > 0, largest(&judged.truth.size_counts)))
-}
-
-fn largest(values: &[f64]) -> f64 {
-    values.iter().copied().fold(0.0, f64::max)
-}
-
-/// How many single effects were named or classed rightly, by size: up to the first of `bounds_counts`, between each and the
-/// next, and above the last.
-pub fn by_size(judged: &[Judged], bounds_counts: &[f64]) -> Vec<Share> {
-    let mut shares = vec![Share::default(); bounds_counts.len() + 1];
-    for (_, right, counts) in judged.iter().filter_map(single) {
-        shares[bounds_counts.iter().filter(|bound| counts > **bound).count()].add(right);
-    }
-    shares
-}
-
 /// Power against size, effect by effect.
 pub fn power(judged: &[Judged]) -> BTreeMap<String, Power> {
     type Tiers = BTreeMap<String, (Share, Vec<f64>, Vec<f64>)>;
     let mut sizes: BTreeMap<String, Tiers> = BTreeMap::new();
-    for judged in judged {
-        let Some((hidden, right, counts)) = single(judged) else { continue };
+    for judged in judged.iter().filter(|judged| judged.truth.kind == Kind::Single) {
+        let Some(hidden) = judged.truth.effect.first() else { continue };
+        let mut one = Score::default();
+        one.add(judged);
+        let largest = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
         let tier = sizes.entry(hidden.name.clone()).or_default().entry(judged.truth.tier.clone()).or_default();
-        tier.0.add(right);
-        tier.1.push(counts);
+        tier.0.add(one.in_class.hits > 0);
+        tier.1.push(largest(&judged.truth.size_counts));
         tier.2.push(100.0 * largest(&judged.truth.size_of_coulomb));
     }
     let of_effect = |tiers: Tiers| {
@@ -378,7 +358,5 @@ mod tests {
             cases.push(case);
         }
         assert_eq!(power(&cases)["cogging"].limit_counts, Some(1.5));
-        let share = |hits: usize| Share { hits, of: 1 };
-        assert_eq!(by_size(&cases, &[0.4, 2.0]), [share(0), share(1), share(1)]);
     }
 }

@@ -194,7 +194,7 @@ fn power_of_ten(exponent: f64) -> String {
         0..=4 if whole => format!("{value:.0}"),
         -3..=-1 if whole => format!("{value:.*}", -exponent.round() as usize),
         power if whole => format!("1e{power}"),
-        0..=4 => format!("{value:.1}"),
+        0..=2 => format!("{value:.1}"),
         _ => format!("{value:.1e}"),
     }
 }

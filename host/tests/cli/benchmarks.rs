@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::bench::{Bench, numbers};
+use crate::bench::{Bench, USAGE, numbers};
 use crate::page::Page;
 
 /// Runs a benchmark once for its JSON object and its page.
@@ -122,6 +122,7 @@ fn tracking_shows_limits_and_bandwidths() {
 #[test]
 fn effects_show_power_against_size() {
     let bench = Bench::new();
+    bench.refused(USAGE, "bench explain --dir nowhere", &["--dir nowhere cannot be read"]);
     let named = r#"{"seconds": 2.0, "verdict": {"verdict": "named", "effects":
         [{"name": "cogging", "joint": "2", "class": ["cogging"]}]}}"#;
     let none = r#"{"seconds": 1.0, "verdict": {"verdict": "none"}}"#;

@@ -229,14 +229,10 @@ impl Study {
 
     fn verdict(&self) -> String {
         format!(
-            "With {} of random torque, intervals of ±1.96 standard errors hold {:.1} % of all parameters.",
-            self.noise(),
+            "With a random torque of {} %, intervals of ±1.96 standard errors hold {:.1} % of all parameters.",
+            self.percent,
             100.0 * self.coverage(1.96)
         )
-    }
-
-    fn noise(&self) -> String {
-        format!("{} % of each motor's rms torque", self.percent)
     }
 
     fn section(&self) -> Section {
@@ -264,7 +260,8 @@ impl Study {
                 100.0 * self.share(|judged| !judged.found.not_identifiable.is_empty())
             ),
         ];
-        Section::new(format!("{} robots, random torque {}", self.judged.len(), self.noise()))
+        let (robots, percent) = (self.judged.len(), self.percent);
+        Section::new(format!("{robots} robots, random torque {percent} % of each motor's rms torque"))
             .table(table)
             .list(sentences)
             .pictures(vec![self.errors(), self.coverages()])

@@ -47,7 +47,10 @@ pub struct Explain {
 impl Explain {
     pub fn measure(&self) -> Result<Measured, CommandError> {
         let failed = |path: &Path, error: std::io::Error| CommandError::Failed(format!("{}: {error}", path.display()));
-        let cases = Case::all(&self.dir).map_err(|error| failed(&self.dir, error))?;
+        let cases = Case::all(&self.dir).map_err(|error| {
+            let folder = self.dir.display();
+            CommandError::Usage(format!("--dir {folder} cannot be read: {error}; name the folder of the cases"))
+        })?;
         if cases.is_empty() {
             return Err(CommandError::Failed(format!(
                 "{}: no case in it; write some with the program hidden-effects (see --help)",
