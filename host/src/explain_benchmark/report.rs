@@ -58,28 +58,25 @@ pub fn sections(methods: &[Method<'_>]) -> Vec<Section> {
 const SIZES_COUNTS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 
 fn power_section(methods: &[Method<'_>]) -> Section {
-    let mut table = Table::new([
-        "method",
-        "effect",
-        "tier",
-        "named or classed rightly",
-        "of",
-        "size, counts rms",
-        "size, % of Coulomb friction",
-    ]);
-    for method in methods {
-        for (name, power) in power(method.judged) {
-            for (tier, share, counts, percent) in &power.tiers {
-                table = table.row([
-                    Cell::from(method.name),
-                    Cell::from(name.as_str()),
-                    Cell::from(tier.as_str()),
-                    Cell::count(share.hits),
-                    Cell::count(share.of),
-                    Cell::fixed(*counts, 2),
-                    Cell::fixed(*percent, 1),
-                ]);
-            }
+    let headings = ["effect", "tier", "cases", "size, counts rms", "size, % of Coulomb friction"];
+    let mut table = Table::new(headings.into_iter().chain(methods.iter().map(|method| method.name)));
+    let powers: Vec<_> = methods.iter().map(|method| power(method.judged)).collect();
+    // Every method was asked about the same cases.
+    for (name, first) in powers.first().into_iter().flatten() {
+        for (tier, share, counts, percent) in &first.tiers {
+            let hits = powers.iter().map(|of_method| {
+                let tiers = of_method.get(name).map_or(&[][..], |power| &power.tiers);
+                let same = tiers.iter().find(|(other, ..)| other == tier);
+                same.map_or(Cell::Missing, |(_, share, ..)| Cell::count(share.hits))
+            });
+            let cells = [
+                Cell::from(name.as_str()),
+                Cell::from(tier.as_str()),
+                Cell::count(share.of),
+                Cell::fixed(*counts, 2),
+                Cell::fixed(*percent, 1),
+            ];
+            table = table.row(cells.into_iter().chain(hits));
         }
     }
     // There is little room below an axis.
@@ -98,7 +95,10 @@ fn power_section(methods: &[Method<'_>]) -> Section {
     let content = Content::Intervals(Intervals { names, sources, logarithmic: false });
     let picture = Picture::of("Single effects named or classed rightly, by size in counts rms", ["", "%"], content)
         .note("With Wilson's 95 % intervals.");
-    Section::new("Power against size").pictures(vec![picture]).table(table)
+    Section::new("Power against size")
+        .pictures(vec![picture])
+        .text("How many of the cases each method named or classed rightly.")
+        .table(table)
 }
 
 /// How many single effects were named or classed rightly, by size in counts rms on the joint where it is largest: up to the

@@ -71,7 +71,7 @@ impl TrackStudy {
         let study = study::Study::new(&robot, &seeds, &designed);
         let board = Section::new("On simulated boards")
             .text(format!(
-                "{} arms within ±10 % of the reference robot, identified from two movements; errors in counts.",
+                "Arms within ±10 % of the reference robot ({}), identified from two movements; errors in counts.",
                 self.robots
             ))
             .table(table(&rows))
