@@ -3,6 +3,15 @@
 //! What the board does is decided in `shared::board`, which also runs on a computer. Here are only registers,
 //! interrupts and pins. This file gives every pin its use and starts everything.
 //!
+//! ```text
+//! encoders, currents ──→ control_interrupt ──→ currents, safe_output     once a tick: counts and codes in, codes and
+//!                             │   ↑                                      enable out
+//!                       `shared::board`
+//!                             │   ↑
+//! link_usb, link_serial ── link ── load, storage                         tasks below it: frames, load search, flash
+//! watchdog, last_fault, identity, timing, clocks                         what keeps it safe, and what it tells of itself
+//! ```
+//!
 //! | Pin | Nucleo | Use |
 //! |---|---|---|
 //! | PA15, PB3 | D20, D23 | encoder of joint 2, channels A and B (TIM2) |

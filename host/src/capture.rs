@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use shared::protocol::{CurrentScale, Info, Sample};
 
 use crate::client::Movement;
+use crate::joint_names;
 use crate::recording::{Manifest, ManifestJoint, Mode, Recording};
 use crate::robot::{Law, Robot};
 
@@ -69,8 +70,11 @@ fn manifest(movement: &Movement, circumstances: &Circumstances<'_>) -> Manifest 
         record_period_s: Some(robot.record_period_s),
         loop_period_s: Some(robot.loop_period_s),
         seed: *seed,
+        model_crc: movement.recording.and_then(|info| info.model_crc).map(|crc| format!("{crc:08x}")),
         rows_read_again: Some(movement.reread_rows),
-        partial: movement.partial.clone(),
+        partial: movement.partial.as_ref().map(|reason| {
+            joint_names::of(robot).map_or_else(|| reason.clone(), |names| joint_names::in_message(reason, &names))
+        }),
         joint: robot.joints.iter().filter_map(gains).collect(),
     }
 }

@@ -3,6 +3,7 @@
 //! Everything is read below one folder, the root of the file system, so that a test can bring each fault about.
 
 mod devices;
+mod probes;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -11,6 +12,7 @@ use serde::Serialize;
 use shared::protocol::usb::{PRODUCT, PRODUCT_ID, VENDOR_ID};
 
 use devices::{SerialPort, UsbDevice};
+use probes::Kind;
 
 /// How much a finding matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -71,10 +73,6 @@ const INSTALL_RULE: &str = "sudo cp host/udev/60-armid.rules /etc/udev/rules.d/ 
 
 /// Where systems keep such rules, the first found counting.
 const RULE_FOLDERS: [&str; 4] = ["etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d"];
-
-/// USB vendor of the probes on ST's boards, and their products: ST-LINK/V2 to V3.
-const ST_VENDOR_ID: u16 = 0x0483;
-const ST_LINKS: [u16; 9] = [0x3748, 0x374a, 0x374b, 0x374e, 0x374f, 0x3752, 0x3753, 0x3754, 0x3757];
 
 /// The computer that is looked at.
 pub struct Computer {
@@ -160,16 +158,31 @@ impl Computer {
 
     fn probes(&self) -> Vec<Finding> {
         const CHECK: &str = "debug probe";
-        let is_probe = |device: &UsbDevice| device.vendor_id == ST_VENDOR_ID && ST_LINKS.contains(&device.product_id);
-        let probes: Vec<UsbDevice> = devices::usb_devices(&self.root).into_iter().filter(is_probe).collect();
-        if probes.is_empty() {
-            let remedy = "only `armid flash` needs it: connect the ST-LINK's USB port";
-            return vec![Finding::not_ok(State::Warn, CHECK, "no ST-LINK on USB", remedy)];
+        let probe = |device: UsbDevice| -> Vec<Finding> {
+            let named = |name: &str| format!("{name} {:04x}:{:04x}", device.vendor_id, device.product_id);
+            match probes::kind(&device) {
+                None => Vec::new(),
+                Some(Kind::Usb(name)) => vec![self.access(CHECK, &device.node, &named(name))],
+                Some(Kind::Serial(name)) => {
+                    let numbers = (device.vendor_id, device.product_id);
+                    let ports = devices::serial_ports(&self.root).into_iter();
+                    let ports = ports.filter(|port| (port.vendor_id, port.product_id) == numbers);
+                    ports.map(|port| self.access(CHECK, &port.node, &named(name))).collect()
+                }
+                Some(Kind::OverHid) => {
+                    let found = format!("{} speaks CMSIS-DAP over HID alone", named("a probe"));
+                    let remedy = "`armid flash` needs version 2 of CMSIS-DAP: give the probe its maker's newer firmware, or \
+                                  use the board's ST-LINK";
+                    vec![Finding::not_ok(State::Warn, CHECK, found, remedy)]
+                }
+            }
+        };
+        let findings: Vec<Finding> = devices::usb_devices(&self.root).into_iter().flat_map(probe).collect();
+        if findings.is_empty() {
+            let remedy = "only `armid flash` needs one: connect the ST-LINK's USB port, or another probe to the board's SWD pins";
+            return vec![Finding::not_ok(State::Warn, CHECK, "none on USB", remedy)];
         }
-        probes
-            .iter()
-            .map(|probe| self.access(CHECK, &probe.node, &format!("ST-LINK {:04x}", probe.product_id)))
-            .collect()
+        findings
     }
 
     /// Whether the user may use the device at `node`, called `name`.

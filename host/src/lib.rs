@@ -4,6 +4,7 @@
 //! robot, recording, model, trajectory_file   the files of the contract, read with every problem named
 //! link ── client ── capture, journal         bytes to a board, requests and movements, movements to recordings
 //! board_setup, compensation                  robot and model files in the protocol's terms
+//! joint_names                                the board's messages with the robot file's names of the joints
 //! firmware_image                             what may be flashed to a board
 //! effects                                    what a real arm has beyond the model, by name
 //! hidden_robot, hidden_effect                what a simulated board's robot really is
@@ -17,6 +18,7 @@
 //! margins                                    how far computed torque is from instability on a model's arm
 //! searchers                                  ways to search a box, beside the genetic algorithm
 //! tracking                                   computed torque around a simulated arm, seen exactly
+//! rerun                                      a recorded movement once more, on a simulated board around a model's arm
 //! excite                                     the movement that determines the parameters best
 //! report                                     pages of what was measured, found and done, with their pictures
 //! explain_benchmark                          verdicts on recordings with hidden effects against the truth
@@ -44,6 +46,7 @@ pub mod hidden_effect;
 pub mod hidden_robot;
 pub mod identified_model;
 pub mod identify;
+pub mod joint_names;
 pub mod journal;
 pub mod lanes;
 pub mod link;
@@ -56,6 +59,7 @@ pub mod prior;
 pub mod random;
 pub mod recording;
 pub mod report;
+pub mod rerun;
 pub mod robot;
 pub mod searchers;
 mod toml_text;

@@ -2,11 +2,11 @@
 //! follows the reader's light or dark theme.
 //!
 //! ```text
-//! recordings ─┐
-//! parameters ─┤
-//! residuals  ─┼─→ sections of text, tables and pictures ─→ page ─→ HTML
-//! search     ─┤      table.rs, picture.rs (drawn by sheet.rs)    page.rs
-//! load       ─┤
+//! recordings ─┐                                             ┌─→ page.rs ─→ HTML
+//! parameters ─┤                                             │
+//! residuals  ─┼─→ sections of text, tables and pictures ────┤
+//! search     ─┤      table.rs, picture.rs (drawn by draw.rs)│
+//! load       ─┤                                             └─→ text.rs ─→ terminal, without pictures
 //! provenance ─┘
 //! ```
 //!
@@ -23,6 +23,7 @@ mod recordings;
 mod residuals;
 mod search;
 mod table;
+mod text;
 
 pub use draw::{PictureError, inline, sheet};
 pub use load::{Assumed, assumed_load};
@@ -30,7 +31,7 @@ pub use page::{Block, Page, Section};
 pub use parameters::{PAPER_F, PAPER_SCATTER_PERCENT, Row, is_paper_robot, of_model, parameters};
 pub use picture::{Band, Content, Ink, Interval, Intervals, Line, Map, Picture, staircase, thinned};
 pub use provenance::{FileRole, Provenance};
-pub use recordings::{currents, measured, quality, repeated, tracking_pictures};
+pub use recordings::{currents, made_again, measured, quality, repeated, tracking_pictures};
 pub use residuals::residual_maps;
 pub use search::{certainty, convergence};
 pub use table::{Cell, Table};

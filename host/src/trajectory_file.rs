@@ -73,6 +73,23 @@ pub fn paper(period_s: f64) -> Option<Trajectory> {
         .then(|| Trajectory::Paper(Paper { period_ns: (period_s * 1e9).round() as u64 }))
 }
 
+/// What stands around the period in the name of the paper's movement.
+const PAPER_NAME: [&str; 2] = ["paper, T = ", " s"];
+
+/// The paper's movement in words, as manifests have it.
+pub fn paper_name(period_s: f64) -> String {
+    let [before, after] = PAPER_NAME;
+    format!("{before}{period_s}{after}")
+}
+
+/// The movement that a manifest names: the paper's, or that of a file.
+pub fn named(name: &str) -> Result<Trajectory, FileError> {
+    let [before, after] = PAPER_NAME;
+    let period = name.strip_prefix(before).and_then(|rest| rest.strip_suffix(after));
+    let of_paper = period.and_then(|period_s| paper(period_s.parse().ok()?));
+    of_paper.map_or_else(|| read(Path::new(name)), Ok)
+}
+
 /// Reads a movement. Limits are checked when it is loaded.
 pub fn read(path: &Path) -> Result<Trajectory, FileError> {
     parse(&TomlText::read(path)?)

@@ -137,6 +137,75 @@ fn a_missing_or_forbidden_probe_is_told() {
     assert!(healthy.only("debug probe", State::Warn).1.contains("armid flash"));
 }
 
+/// The probe that is connected becomes another one.
+fn with_probe(vendor: &str, product: &str) -> Healthy {
+    let healthy = Healthy::new();
+    healthy.put(&format!("{PROBE}/idVendor"), vendor);
+    healthy.put(&format!("{PROBE}/idProduct"), product);
+    healthy
+}
+
+fn probe(healthy: &Healthy) -> Finding {
+    healthy.findings().into_iter().find(|finding| finding.check == "debug probe").unwrap()
+}
+
+#[test]
+fn other_probes_are_known_and_their_permissions_looked_at() {
+    for (vendor, product, name) in [
+        ("1366", "0105", "J-Link"),
+        ("0403", "6014", "FTDI"),
+        ("15ba", "002a", "Olimex"),
+        ("1a86", "55dd", "CH347"),
+        ("20b7", "9db1", "Glasgow"),
+        ("0483", "3742", "ST-LINK"),
+    ] {
+        let healthy = with_probe(vendor, product);
+        let found = probe(&healthy);
+        assert_eq!(found.state, State::Ok, "{found:?}");
+        assert!(found.found.contains(name) && found.found.contains(product), "{found:?}");
+        healthy.forbid("dev/bus/usb/001/006");
+        assert!(healthy.only("debug probe", State::Fail).0.contains("/dev/bus/usb/001/006"));
+    }
+    // A mouse is none.
+    assert!(probe(&with_probe("046d", "c077")).found.contains("none on USB"));
+}
+
+#[test]
+fn a_cmsis_dap_probe_is_told_by_its_interfaces() {
+    let healthy = with_probe("2e8a", "000c");
+    healthy.put(&format!("{PROBE}/1-3:1.0/bInterfaceClass"), "03\n");
+    healthy.put(&format!("{PROBE}/1-3:1.0/interface"), "CMSIS-DAP v1 Interface\n");
+    let (found, remedy) = healthy.only("debug probe", State::Warn);
+    assert!(found.contains("over HID alone") && remedy.contains("newer firmware"), "{found}: {remedy}");
+    healthy.put(&format!("{PROBE}/1-3:1.1/bInterfaceClass"), "ff\n");
+    healthy.put(&format!("{PROBE}/1-3:1.1/interface"), "CMSIS-DAP v2 Interface\n");
+    let found = probe(&healthy);
+    assert!(found.state == State::Ok && found.found.contains("CMSIS-DAP 2e8a:000c"), "{found:?}");
+}
+
+#[test]
+fn a_black_magic_probe_is_used_through_its_serial_port() {
+    let healthy = with_probe("1d50", "6018");
+    fs::create_dir_all(healthy.path(&format!("{PROBE}/1-3:1.0"))).unwrap();
+    fs::create_dir_all(healthy.path("sys/class/tty/ttyACM1")).unwrap();
+    symlink(healthy.path(&format!("{PROBE}/1-3:1.0")), healthy.path("sys/class/tty/ttyACM1/device")).unwrap();
+    healthy.put("dev/ttyACM1", "");
+    let found = probe(&healthy);
+    assert!(found.state == State::Ok && found.found.contains("/dev/ttyACM1"), "{found:?}");
+    healthy.forbid("dev/ttyACM1");
+    assert!(healthy.only("debug probe", State::Fail).0.contains("/dev/ttyACM1"));
+}
+
+/// Whatever `doctor` looks at the permissions of, the rule gives.
+#[test]
+fn the_rule_names_every_vendor_that_is_known() {
+    let rules = include_str!("../udev/60-armid.rules");
+    for vendor in ["1209", "0483", "1366", "0403", "15ba", "1a86", "20b7", "1d50"] {
+        assert!(rules.contains(&format!("idVendor}}==\"{vendor}\"")), "{vendor}");
+    }
+    assert!(rules.contains("*CMSIS[-_]DAP*"));
+}
+
 #[test]
 fn modem_manager_is_a_fault_where_no_rule_stops_it() {
     let healthy = Healthy::new();

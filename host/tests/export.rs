@@ -32,6 +32,7 @@ fn recording() -> Recording {
             record_period_s: Some(0.0007),
             loop_period_s: Some(0.0007),
             seed: Some(17),
+            model_crc: Some("0a1b2c3d".into()),
             rows_read_again: None,
             partial: None,
             joint: vec![joint("2", 0.036), joint("3", 0.048)],
@@ -126,7 +127,13 @@ fn mcap_opens_with_its_reader_and_holds_every_sample() {
     assert_eq!(summary.stats.unwrap().message_count, 180);
     let metadata = mcap::read::metadata(&bytes, &summary.metadata_indexes[0]).unwrap();
     assert_eq!(metadata.name, "recording");
-    for (key, value) in [("seed", "17"), ("mode", "p"), ("robot", "PUMA 560, links 2 and 3"), ("joint_3_lead", "0.5")] {
+    for (key, value) in [
+        ("seed", "17"),
+        ("mode", "p"),
+        ("robot", "PUMA 560, links 2 and 3"),
+        ("joint_3_lead", "0.5"),
+        ("model_crc", "0a1b2c3d"),
+    ] {
         assert_eq!(metadata.metadata.get(key).map(String::as_str), Some(value), "{key}");
     }
     let attached = mcap::read::attachment(&bytes, &summary.attachment_indexes[0]).unwrap();

@@ -295,6 +295,7 @@ fn files_read_back_as_written() {
         record_period_s: Some(0.0007),
         loop_period_s: Some(0.0007),
         seed: Some(7),
+        model_crc: None,
         rows_read_again: Some(3),
         partial: Some("the board went away".into()),
         joint: ["2", "3"]

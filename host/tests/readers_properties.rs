@@ -92,6 +92,7 @@ proptest! {
                 record_period_s: None,
                 loop_period_s: None,
                 seed: None,
+                model_crc: None,
                 rows_read_again: Some(3),
 partial: None,
                 joint: Vec::new(),

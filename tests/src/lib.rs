@@ -1,5 +1,12 @@
 //! What judges the rest of the project from outside.
 //!
+//! ```text
+//! simulator ── hidden_effects         a second arm, and machines with something wrong: recordings for the host library
+//! emulated_board ─┬─ line             the firmware's image in an emulated chip, with links that can be cut and disturbed
+//!                 └─ board_server     the same at its real pace, on a TCP port
+//! scenarios                           what happens to a board, that one or the host's simulated one
+//! ```
+//!
 //! [`simulator`] is a second robot arm, written from the mechanics alone. It uses nothing of the crate `shared`: if both
 //! had the same mistake, an identification could look perfect and still be wrong.
 //!

@@ -256,6 +256,7 @@ fn what_led_to_a_fault_is_cut() {
             record_period_s: None,
             loop_period_s: None,
             seed: None,
+            model_crc: None,
             rows_read_again: None,
             partial: Some("following error of joint 2".into()),
             joint: Vec::new(),

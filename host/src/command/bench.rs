@@ -8,20 +8,30 @@ mod load;
 mod paper;
 mod track;
 
+use armid::report::{Page, Provenance, Section};
 use clap::{Args, Subcommand};
+use serde_json::Value;
 
 use super::CommandError;
+use super::common::{print, print_json};
+use super::page::ReportArguments;
 
 const EXAMPLES: &str = "Examples:
   armid bench paper                                 the paper's experiment, a minute
-  armid bench track --robots 10                     tracking on arms never seen";
+  armid bench track --robots 10                     tracking on arms never seen
+  armid bench ga --seeds 50 --report searches.html  the same as a page with pictures";
 
 /// Arguments of `bench`.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, mut_arg("report", |report| report.global(true)))]
 pub struct Bench {
     #[command(subcommand)]
     what: What,
+    #[command(flatten)]
+    report: ReportArguments,
+    /// Print one JSON object
+    #[arg(long, global = true)]
+    json: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -42,16 +52,42 @@ enum What {
     Track(track::TrackStudy),
 }
 
+/// What was measured: printed, as JSON or as a page.
+struct Measured {
+    title: String,
+    verdict: String,
+    sections: Vec<Section>,
+    json: Value,
+    provenance: Provenance,
+}
+
 impl Bench {
     pub fn run(&self) -> Result<(), CommandError> {
-        match &self.what {
-            What::Explain(explain) => explain.run(),
-            What::Paper(paper) => paper.run(),
-            What::Identify(identify) => identify.run(),
-            What::Ga(ga) => ga.run(),
-            What::Load(load) => load.run(),
-            What::Certainty(certainty) => certainty.run(),
-            What::Track(study) => study.run(),
+        self.report.check([], [])?;
+        let (name, measured) = match &self.what {
+            What::Explain(explain) => ("explain", explain.measure()),
+            What::Paper(paper) => ("paper", paper.measure()),
+            What::Identify(identify) => ("identify", identify.measure()),
+            What::Ga(ga) => ("ga", ga.measure()),
+            What::Load(load) => ("load", load.measure()),
+            What::Certainty(certainty) => ("certainty", certainty.measure()),
+            What::Track(study) => ("track", study.measure()),
+        };
+        let Measured { title, verdict, mut sections, json, provenance } = measured?;
+        if self.json {
+            print_json(&json)?;
+        } else {
+            let sections = sections.iter().map(Section::to_text);
+            print(std::iter::once(verdict.clone()).chain(sections).collect::<Vec<_>>().join("\n\n"))?;
         }
+        self.report.write(|| {
+            sections.push(provenance.section());
+            Ok(Page { command: format!("bench {name}"), title, verdict, sections })
+        })
     }
+}
+
+/// So many seeds from the first on, in words.
+fn seeds(first: u64, count: u64) -> String {
+    if count == 1 { first.to_string() } else { format!("{first} to {}", first + count - 1) }
 }

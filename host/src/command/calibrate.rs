@@ -10,7 +10,9 @@ use serde_json::json;
 use shared::control::PositionLoop;
 
 use super::CommandError;
-use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::common::{
+    RobotArguments, advise, check_distinct, check_outputs, print, print_json, read_recordings, with_sidecars,
+};
 use super::page::{self, ReportArguments};
 
 const EXAMPLES: &str = "Examples:
@@ -41,6 +43,7 @@ pub struct Calibrate {
 
 impl Calibrate {
     pub fn run(&self) -> Result<(), CommandError> {
+        check_distinct(&self.recordings)?;
         let robot = self.robot.read()?;
         let recordings = read_recordings(&self.recordings, &robot, self.allow_gaps)?;
         for recording in &recordings {

@@ -1,7 +1,7 @@
 //! Arguments and output that several commands share.
 
 use std::ffi::OsStr;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -246,7 +246,7 @@ impl TrajectoryArguments {
             let period_s = self.period;
             let trajectory = trajectory_file::paper(period_s)
                 .ok_or_else(|| CommandError::Usage(format!("--period {period_s} is not a positive time in s")))?;
-            return Ok((trajectory, paper_name(period_s)));
+            return Ok((trajectory, trajectory_file::paper_name(period_s)));
         }
         Ok((trajectory_file::read(self.trajectory.as_ref())?, self.trajectory.clone()))
     }
@@ -259,11 +259,6 @@ impl TrajectoryArguments {
     }
 }
 
-/// The paper's movement in words.
-fn paper_name(period_s: f64) -> String {
-    format!("paper, T = {period_s} s")
-}
-
 /// How near a movement comes to the robot's limits, or the limit it breaks.
 fn check_limits(trajectory: &Trajectory, robot: &Robot, limits: &Configuration) -> Result<Margins, CommandError> {
     let counts_per_rad = [0, 1].map(|joint| robot.joints[joint].counts_per_rad() as f32);
@@ -272,10 +267,33 @@ fn check_limits(trajectory: &Trajectory, robot: &Robot, limits: &Configuration) 
         .map_err(CommandError::Limit)
 }
 
-/// Makes sure, before the work is done, that its results can be written and that none would destroy what it is made of.
+/// Makes sure, before the work is done, that its results can be written and that none would destroy what it is made of, or
+/// a recording that has nothing to do with it.
 ///
 /// A recording's sidecar is an output, or an input, like the recording itself.
 pub fn check_outputs<'a, 'b>(
+    outputs: impl IntoIterator<Item = &'b Path>,
+    inputs: impl IntoIterator<Item = &'a Path>,
+) -> Result<(), CommandError> {
+    let outputs: Vec<&Path> = outputs.into_iter().collect();
+    check_inputs_stay(outputs.iter().copied(), inputs)?;
+    match outputs.into_iter().find(|output| is_recording(output)) {
+        Some(output) => Err(CommandError::Usage(format!(
+            "{} is a recording and would be overwritten by a result of another kind; choose another name",
+            output.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Whether a file begins as a recording does.
+fn is_recording(path: &Path) -> bool {
+    const BEGINNING: &[u8] = b"tick,";
+    let mut beginning = [0; BEGINNING.len()];
+    std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut beginning)).is_ok() && beginning == BEGINNING
+}
+
+fn check_inputs_stay<'a, 'b>(
     outputs: impl IntoIterator<Item = &'b Path>,
     inputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<(), CommandError> {
@@ -309,7 +327,7 @@ pub fn check_recording_outputs<'a>(
     inputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<(), CommandError> {
     let sidecar = Recording::manifest_path(recording);
-    check_outputs([recording, sidecar.as_path()], inputs)?;
+    check_inputs_stay([recording, sidecar.as_path()], inputs)?;
     if existing == Existing::Keep && recording.exists() {
         return Err(CommandError::Usage(format!(
             "{} exists; choose another --out, or replace it with --force",
@@ -356,6 +374,23 @@ pub fn read_recordings(paths: &[PathBuf], robot: &Robot, allow_gaps: bool) -> Re
         recordings.push(recording);
     }
     Ok(recordings)
+}
+
+/// Refuses a recording that is given twice: its noise would count as if it had been measured twice, and what was fitted
+/// cannot be kept back to judge the result on.
+pub fn check_distinct<'a>(recordings: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), CommandError> {
+    let mut known = Vec::new();
+    for path in recordings {
+        let whole = path.canonicalize().unwrap_or_else(|_| path.clone());
+        if known.contains(&whole) {
+            return Err(CommandError::Usage(format!(
+                "{} is given twice, and its noise would count as if it had been measured twice; give it once",
+                path.display()
+            )));
+        }
+        known.push(whole);
+    }
+    Ok(())
 }
 
 /// A simulated robot with the effects of the command line.

@@ -52,7 +52,7 @@ pub enum CommandError {
     /// A movement that did not come to its end.
     #[error("the movement did not come to its end: {reason}")]
     Incomplete {
-        /// Why.
+        /// Why, as the recording's manifest has it: with the names of the joints.
         reason: String,
         /// The board went away.
         board_lost: bool,
@@ -83,7 +83,6 @@ impl CommandError {
         let by_the_board = matches!(
             self,
             Self::Limit(_)
-                | Self::Incomplete { .. }
                 | Self::Excite(ExciteError::Limits(_))
                 | Self::Session(
                     SessionError::InFault(_)

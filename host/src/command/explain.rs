@@ -9,7 +9,8 @@ use armid::report::FileRole;
 use clap::Args;
 
 use super::common::{
-    RobotArguments, advise, cache_folder, check_outputs, print, print_json, read_recordings, with_sidecars,
+    RobotArguments, advise, cache_folder, check_distinct, check_outputs, print, print_json, read_recordings,
+    with_sidecars,
 };
 use super::page::{self, ReportArguments};
 use super::{CommandError, progress};
@@ -58,6 +59,7 @@ pub struct Explain {
 
 impl Explain {
     pub fn run(&self) -> Result<(), CommandError> {
+        check_distinct(self.recordings.iter().chain(&self.check))?;
         let robot = self.robot.read_for_simulation()?;
         let mut fitted = self.recordings.clone();
         let mut kept_back = self.check.clone();

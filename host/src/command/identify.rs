@@ -19,7 +19,9 @@ use serde_json::{Value, json};
 use shared::arm::PARAMETERS;
 use shared::genetic::Coding;
 
-use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_recordings, with_sidecars};
+use super::common::{
+    RobotArguments, advise, check_distinct, check_outputs, print, print_json, read_recordings, with_sidecars,
+};
 use super::page::{self, ReportArguments};
 use super::ranges::Verdict;
 use super::{CommandError, progress};
@@ -99,6 +101,7 @@ impl Identify {
         if self.coding.is_some() && self.method != Method::Paper {
             return Err(CommandError::Usage("--coding is for --method paper; leave one out or add the other".into()));
         }
+        check_distinct(self.recordings.iter().chain(&self.check))?;
         let mut robot = self.robot.read_for_simulation()?;
         let bounds = self.bounds.as_deref().map(|path| ArmBounds::read(path, &robot)).transpose()?;
         let mut recordings = read_recordings(&self.recordings, &robot, self.allow_gaps)?;

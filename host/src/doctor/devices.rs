@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 pub(super) struct UsbDevice {
     pub vendor_id: u16,
     pub product_id: u16,
+    /// Class and name of each interface that has a name.
+    pub interfaces: Vec<(u8, String)>,
     /// Its device file.
     pub node: PathBuf,
 }
@@ -40,6 +42,14 @@ fn hexadecimal(folder: &Path, file: &str) -> Option<u16> {
     u16::from_str_radix(&text(folder, file)?, 16).ok()
 }
 
+/// The interfaces of a device are folders in its own: `1-3:1.0` in `1-3`.
+fn interfaces(device: &Path) -> Vec<(u8, String)> {
+    let of = |folder: PathBuf| {
+        Some((u8::try_from(hexadecimal(&folder, "bInterfaceClass")?).ok()?, text(&folder, "interface")?))
+    };
+    entries(device).into_iter().filter_map(of).collect()
+}
+
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
@@ -55,6 +65,7 @@ pub(super) fn usb_devices(root: &Path) -> Vec<UsbDevice> {
         Some(UsbDevice {
             vendor_id: hexadecimal(&folder, "idVendor")?,
             product_id: hexadecimal(&folder, "idProduct")?,
+            interfaces: interfaces(&folder),
             node: root.join(node),
         })
     };

@@ -1,11 +1,13 @@
-//! The scores as a table and as JSON.
+//! The scores as sections of a page, which print as text too, and as JSON.
 
-use std::fmt::Write as _;
+use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
+use super::case::Kind;
 use super::interval::{Share, quantile};
-use super::score::{Group, Judged, Score, confusion, groups, parameters, power};
+use super::score::{Group, Judged, Parameters, Score, confusion, groups, parameters, power};
+use crate::report::{Cell, Content, Ink, Interval, Intervals, Picture, Section, Table};
 
 /// One method's answers.
 pub struct Method<'a> {
@@ -15,72 +17,154 @@ pub struct Method<'a> {
     pub judged: &'a [Judged],
 }
 
-/// The whole report as text.
-pub fn text(methods: &[Method<'_>]) -> String {
-    let mut text = String::new();
-    for method in methods {
-        section(&mut text, method);
-    }
-    text
+/// How each method did on single effects, in a sentence.
+pub fn verdict(methods: &[Method<'_>]) -> String {
+    let of = |method: &Method<'_>| {
+        let all = |group: &Group| group.kind == "single" && group.tier == "all" && group.noise == "all";
+        let groups = groups(method.judged);
+        let (_, score) = groups.iter().find(|(group, _)| all(group))?;
+        let share = |share: &Share| share.value().map(|value| format!("{:.0} %", 100.0 * value));
+        Some(format!(
+            "{}: {} of {} single effects named or classed rightly, {} wrongly.",
+            method.name,
+            share(&score.in_class)?,
+            score.in_class.of,
+            share(&score.wrong_name)?
+        ))
+    };
+    let sentences: Vec<String> = methods.iter().filter_map(of).collect();
+    if sentences.is_empty() { "No case has a single effect.".into() } else { sentences.join(" ") }
 }
 
-fn section(text: &mut String, method: &Method<'_>) {
-    // Writing to a String cannot fail.
-    let _ = writeln!(text, "{}: {} cases; shares with Wilson's 95 % intervals", method.name, method.judged.len());
-    for (group, score) in groups(method.judged) {
-        let Group { kind, tier, noise } = &group;
-        let _ = writeln!(text, "  {kind}, {tier}, {noise}");
-        for (label, share) in shares(kind, &score) {
-            let _ = writeln!(text, "    {label:<28} {share}");
+/// The whole report: power against size of all methods, then the scores of each.
+pub fn sections(methods: &[Method<'_>]) -> Vec<Section> {
+    let mut sections = vec![power_section(methods)];
+    for method in methods {
+        let of = |what: &str| format!("{}: {what}", method.name);
+        sections.push(Section::new(of("scores")).text("Shares with Wilson's 95 % intervals.").table(scores(method)));
+        let found = parameters(method.judged);
+        if !found.is_empty() {
+            sections.push(Section::new(of("parameters of rightly named effects")).table(parameter_table(&found)));
         }
-        let number = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.3}"));
-        if let Some([median, high]) = score.gap_quantiles() {
-            let _ = writeln!(text, "    held-out gap over floor      median {median:.3}, 95 % {high:.3}");
-        }
-        if *kind != "null" {
-            let _ = writeln!(text, "    mean class size              {}", number(score.mean_class_size()));
-        }
-        let _ = writeln!(
-            text,
-            "    time in s                    median {}, longest {}",
-            number(quantile(&score.seconds, 0.5)),
-            number(quantile(&score.seconds, 1.0))
-        );
+        let failures = method.judged.iter().filter(|judged| judged.answer.verdict.is_none());
+        let failures = failures.map(|judged| format!("No answer: {}: {}", judged.case, judged.answer.failure));
+        let answers = Section::new(of("answers by what was hidden")).table(answers(method.judged));
+        sections.push(answers.list(failures));
     }
-    let _ =
-        writeln!(text, "  power against size (named or classed rightly; size in counts rms | % of Coulomb friction)");
-    for (name, power) in power(method.judged) {
-        let limit = match (power.limit_counts, power.limit_percent_of_coulomb) {
-            (Some(counts), Some(percent)) => format!("limit {counts:.2} | {percent:.1} %"),
-            _ => "not even the strongest".to_owned(),
+    sections
+}
+
+/// Sizes of effects, counts rms, that cases are put together by.
+const SIZES_COUNTS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
+
+fn power_section(methods: &[Method<'_>]) -> Section {
+    let headings = ["effect", "tier", "cases", "size, counts rms", "size, % of Coulomb friction"];
+    let mut table = Table::new(headings.into_iter().chain(methods.iter().map(|method| method.name)));
+    let powers: Vec<_> = methods.iter().map(|method| power(method.judged)).collect();
+    // Every method was asked about the same cases.
+    for (name, first) in powers.first().into_iter().flatten() {
+        for (tier, share, counts, percent) in &first.tiers {
+            let hits = powers.iter().map(|of_method| {
+                let tiers = of_method.get(name).map_or(&[][..], |power| &power.tiers);
+                let same = tiers.iter().find(|(other, ..)| other == tier);
+                same.map_or(Cell::Missing, |(_, share, ..)| Cell::count(share.hits))
+            });
+            let cells = [
+                Cell::from(name.as_str()),
+                Cell::from(tier.as_str()),
+                Cell::count(share.of),
+                Cell::fixed(*counts, 2),
+                Cell::fixed(*percent, 1),
+            ];
+            table = table.row(cells.into_iter().chain(hits));
+        }
+    }
+    // There is little room below an axis.
+    let mut names = vec![format!("≤ {}", SIZES_COUNTS[0])];
+    names.extend(SIZES_COUNTS.windows(2).map(|pair| format!("{}–{}", pair[0], pair[1])));
+    names.push(format!("> {}", SIZES_COUNTS[SIZES_COUNTS.len() - 1]));
+    let source = |(place, method): (usize, &Method<'_>)| {
+        let interval = |share: &Share| {
+            let ([low, high], value) = (share.interval()?, share.value()?);
+            Some(Interval { low: 100.0 * low, value: 100.0 * value, high: 100.0 * high })
         };
-        let _ = write!(text, "    {name:<28} {limit:<28}");
-        for (tier, share, counts, percent) in &power.tiers {
-            let _ = write!(text, "  {tier} {}/{} at {counts:.2} | {percent:.1}", share.hits, share.of);
-        }
-        text.push('\n');
+        let intervals = by_size(method.judged, &SIZES_COUNTS).iter().map(interval).collect();
+        (method.name.to_string(), Ink::Nth(place), intervals)
+    };
+    let sources = methods.iter().enumerate().map(source).collect();
+    let content = Content::Intervals(Intervals { names, sources, logarithmic: false });
+    let picture = Picture::of("Single effects named or classed rightly, by size in counts rms", ["", "%"], content)
+        .note("With Wilson's 95 % intervals.");
+    Section::new("Power against size")
+        .pictures(vec![picture])
+        .text("How many of the cases each method named or classed rightly.")
+        .table(table)
+}
+
+/// How many single effects were named or classed rightly, by size in counts rms on the joint where it is largest: up to the
+/// first of `bounds_counts`, between each and the next, and above the last.
+fn by_size(judged: &[Judged], bounds_counts: &[f64]) -> Vec<Share> {
+    let mut shares = vec![Share::default(); bounds_counts.len() + 1];
+    for one in judged.iter().filter(|one| one.truth.kind == Kind::Single) {
+        let counts = one.truth.size_counts.iter().copied().fold(0.0, f64::max);
+        let right = groups(std::slice::from_ref(one)).values().any(|score| score.in_class.hits > 0);
+        shares[bounds_counts.iter().filter(|bound| counts > **bound).count()].add(right);
     }
-    let found = parameters(method.judged);
-    if !found.is_empty() {
-        let _ = writeln!(
-            text,
-            "  parameters of rightly named effects: median relative error, stated 95 % intervals that hold"
-        );
-        for ((effect, name), parameters) in found {
-            let error = quantile(&parameters.relative_errors, 0.5).unwrap_or(f64::NAN);
-            let _ = writeln!(text, "    {effect:<28} {name:<28} {:5.1} %  {}", 100.0 * error, parameters.covered);
+    shares
+}
+
+fn scores(method: &Method<'_>) -> Table {
+    let mut table = Table::new(["cases", "tier", "noise", "what", "hits", "of", "%", "from, %", "to, %"]);
+    for (group, score) in groups(method.judged) {
+        let row = |what: &str, cells: [Cell; 5]| {
+            let names = [group.kind, group.tier.as_str(), group.noise, what].map(Cell::from);
+            names.into_iter().chain(cells).collect::<Vec<Cell>>()
+        };
+        let percent = |share: Option<f64>| Cell::optional(share, |share| Cell::fixed(100.0 * share, 1));
+        for (what, share) in shares(group.kind, &score) {
+            let [low, high] = share.interval().map_or([None; 2], |interval| interval.map(Some));
+            let counts = [share.hits, share.of].map(Cell::count);
+            let [hits, of] = counts;
+            table = table.row(row(what, [hits, of, percent(share.value()), percent(low), percent(high)]));
+        }
+        let quantities = [
+            ("held-out gap over floor: median, 95 %", score.gap_quantiles().map_or([None; 2], |pair| pair.map(Some))),
+            ("mean class size", [score.mean_class_size().filter(|_| group.kind != "null"), None]),
+            ("time in s: median, longest", [quantile(&score.seconds, 0.5), quantile(&score.seconds, 1.0)]),
+        ];
+        for (what, [first, second]) in quantities {
+            if first.is_some() {
+                let [first, second] = [first, second].map(|value| Cell::optional(value, |value| Cell::fixed(value, 3)));
+                table = table.row(row(what, [Cell::Missing, Cell::Missing, first, second, Cell::Missing]));
+            }
         }
     }
-    let _ = writeln!(text, "  answers by what was hidden");
-    for (hidden, answers) in confusion(method.judged) {
+    table
+}
+
+fn parameter_table(found: &BTreeMap<(String, String), Parameters>) -> Table {
+    let mut table = Table::new(["effect", "parameter", "median relative error, %", "stated 95 % intervals that hold"]);
+    for ((effect, name), parameters) in found {
+        let error = quantile(&parameters.relative_errors, 0.5).map(|error| 100.0 * error);
+        table = table.row([
+            Cell::from(effect.as_str()),
+            Cell::from(name.as_str()),
+            Cell::optional(error, |percent| Cell::fixed(percent, 1)),
+            Cell::from(parameters.covered.to_string()),
+        ]);
+    }
+    table
+}
+
+fn answers(judged: &[Judged]) -> Table {
+    let mut table = Table::new(["hidden", "answered"]);
+    for (hidden, answers) in confusion(judged) {
         let mut answers: Vec<(String, usize)> = answers.into_iter().collect();
         answers.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
         let answers: Vec<String> = answers.into_iter().map(|(answer, count)| format!("{answer} {count}")).collect();
-        let _ = writeln!(text, "    {hidden:<28} {}", answers.join(", "));
+        table = table.row([Cell::from(hidden), Cell::from(answers.join(", "))]);
     }
-    for judged in method.judged.iter().filter(|judged| judged.answer.verdict.is_none()) {
-        let _ = writeln!(text, "  no answer: {}: {}", judged.case, judged.answer.failure);
-    }
+    table
 }
 
 fn shares(kind: &str, score: &Score) -> Vec<(&'static str, Share)> {
@@ -155,4 +239,39 @@ pub fn json(methods: &[Method<'_>]) -> Value {
         })
     };
     Value::Array(methods.iter().map(of_method).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::answer::{Answer, Named, Verdict};
+    use super::super::case::{Hidden, Truth};
+    use super::*;
+
+    /// A case with cogging hidden, and named or not.
+    fn case(kind: Kind, size_counts: [f64; 2], named: bool) -> Judged {
+        let (name, joint) = ("cogging".to_string(), "2".to_string());
+        let effects = if named {
+            vec![Named { name: name.clone(), joint: joint.clone(), ..Named::default() }]
+        } else {
+            Vec::new()
+        };
+        let effect = vec![Hidden { name, joint, parameters: BTreeMap::new() }];
+        let verdict = Some(Verdict { verdict: "named".into(), effects, gap: None });
+        let (size_counts, size_of_coulomb) = (size_counts.to_vec(), vec![0.1]);
+        let truth = Truth { kind, tier: "clear".into(), noisy: false, size_counts, size_of_coulomb, effect };
+        Judged { case: "case".into(), truth, answer: Answer { verdict, ..Answer::default() } }
+    }
+
+    #[test]
+    fn single_effects_are_counted_by_the_size_on_the_joint_where_they_are_largest() {
+        let single = Kind::Single;
+        let cases = [
+            case(single, [0.1, 4.0], true),
+            case(single, [1.5, 0.2], true),
+            case(single, [0.4, 0.0], false),
+            case(Kind::Pair, [9.0, 0.0], true),
+        ];
+        let share = |hits: usize| Share { hits, of: 1 };
+        assert_eq!(by_size(&cases, &[0.4, 2.0]), [share(0), share(1), share(1)]);
+    }
 }

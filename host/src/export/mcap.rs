@@ -108,8 +108,10 @@ fn metadata(recording: &Recording, robot: &Robot) -> BTreeMap<String, String> {
     if let Some(seed) = manifest.seed {
         put("seed", seed.to_string());
     }
-    if let Some(reason) = &manifest.partial {
-        put("partial", reason.clone());
+    for (key, text) in [("model_crc", &manifest.model_crc), ("partial", &manifest.partial)] {
+        if let Some(text) = text {
+            put(key, text.clone());
+        }
     }
     metadata
 }

@@ -55,6 +55,9 @@ pub struct Manifest {
     /// Seed of a simulated robot.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
+    /// What a board calls the model that computed torque ran with: its CRC-32, in hexadecimal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model_crc: Option<String>,
     /// Rows that were lost on the way from the board and read from its memory after the movement, if noted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows_read_again: Option<u32>,

@@ -65,7 +65,10 @@ pub(super) fn from_bytes(
         Ok(more.then(|| record.position().map_or(0, |position| position.line())))
     };
 
-    let header_line = next(&mut record)?.unwrap_or(1);
+    let Some(header_line) = next(&mut record)? else {
+        let field = format!("the header \"{}\"", header(robot, false, false));
+        return Err(error(1, Problem::Missing { field }, "the file is empty: record again, or copy it again"));
+    };
     let columns = parse_header(&record, robot).map_err(|(problem, remedy)| error(header_line, problem, remedy))?;
     let joints = columns.joints;
     let empty = || vec![Vec::new(); joints];

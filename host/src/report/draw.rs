@@ -71,7 +71,7 @@ fn axes(area: &Area<'_>, picture: &Picture, scale: u32, stand_alone: bool) -> Dr
     let logarithmic = match &picture.content {
         Content::LogarithmicLines(_) => true,
         Content::Intervals(intervals) => intervals.logarithmic,
-        Content::Lines(..) | Content::Map(_) => false,
+        Content::Lines(..) | Content::Points(..) | Content::Map(_) => false,
     };
     let Some([x, mut y]) = ranges(picture, logarithmic) else { return Ok(()) };
     if let Some(least) = picture.symmetric {
@@ -80,7 +80,8 @@ fn axes(area: &Area<'_>, picture: &Picture, scale: u32, stand_alone: bool) -> Dr
     }
     let mut builder = ChartBuilder::on(area);
     let x_area = if picture.axes[0].is_empty() { 24 } else { 44 };
-    builder.margin(8 * scale).x_label_area_size(x_area * scale).y_label_area_size(68 * scale);
+    // The last tick of the axis along stands half beside it.
+    builder.margin(8 * scale).margin_right(20 * scale).x_label_area_size(x_area * scale).y_label_area_size(68 * scale);
     if stand_alone {
         builder.caption(&picture.title, ("sans-serif", 16 * scale));
     }
@@ -126,6 +127,16 @@ fn axes(area: &Area<'_>, picture: &Picture, scale: u32, stand_alone: bool) -> Dr
         Content::LogarithmicLines(lines) => {
             for line in lines {
                 draw_line(&mut chart, line, 2 * scale, logarithm)?;
+            }
+        }
+        Content::Points(points, lines) => {
+            for line in lines {
+                draw_line(&mut chart, line, 5 * scale / 4, Some)?;
+            }
+            for of in points {
+                let style = colour(of.ink).filled();
+                let finite = of.points.iter().filter(|point| point.0.is_finite() && point.1.is_finite());
+                chart.draw_series(finite.map(|&point| Circle::new(point, 3 * scale, style)))?;
             }
         }
         Content::Intervals(intervals) => draw_intervals(area, &mut chart, intervals, scale)?,
@@ -183,7 +194,7 @@ fn power_of_ten(exponent: f64) -> String {
         0..=4 if whole => format!("{value:.0}"),
         -3..=-1 if whole => format!("{value:.*}", -exponent.round() as usize),
         power if whole => format!("1e{power}"),
-        0..=4 => format!("{value:.1}"),
+        0..=2 => format!("{value:.1}"),
         _ => format!("{value:.1e}"),
     }
 }
@@ -198,6 +209,7 @@ fn ranges(picture: &Picture, logarithmic: bool) -> Option<[[f64; 2]; 2]> {
             points.extend(bands.iter().flat_map(|band| &band.points).flat_map(|p| [(p[0], p[1]), (p[0], p[2])]));
         }
         Content::LogarithmicLines(lines) => points.extend(lines.iter().flat_map(|line| &line.points)),
+        Content::Points(of, lines) => points.extend(of.iter().chain(lines).flat_map(|line| &line.points)),
         Content::Intervals(intervals) => {
             for (_, _, of) in &intervals.sources {
                 points.extend(of.iter().flatten().flat_map(|i| [i.low, i.value, i.high]).map(|y| (0.5, y)));

@@ -125,6 +125,8 @@ pub enum Content {
     Lines(Vec<Band>, Vec<Line>),
     /// Lines on a logarithmic ordinate; what is not positive is left out.
     LogarithmicLines(Vec<Line>),
+    /// Points that nothing joins, over lines.
+    Points(Vec<Line>, Vec<Line>),
     /// Values with their bounds.
     Intervals(Intervals),
     /// A map, positive in one colour and negative in another, the stronger the larger.
@@ -186,6 +188,7 @@ impl Picture {
                 lines.iter_mut().for_each(|line| line.name.clear());
             }
             Content::LogarithmicLines(lines) => lines.iter_mut().for_each(|line| line.name.clear()),
+            Content::Points(points, lines) => points.iter_mut().chain(lines).for_each(|line| line.name.clear()),
             Content::Intervals(intervals) => intervals.sources.iter_mut().for_each(|source| source.0.clear()),
             Content::Map(_) => {}
         }
@@ -209,6 +212,7 @@ impl Picture {
                 .chain(bands.iter().map(|band| Key { is_band: true, ..key(&band.name, band.ink) }))
                 .collect(),
             Content::LogarithmicLines(lines) => lines.iter().map(|line| key(&line.name, line.ink)).collect(),
+            Content::Points(points, lines) => points.iter().chain(lines).map(|of| key(&of.name, of.ink)).collect(),
             Content::Intervals(intervals) => intervals.sources.iter().map(|(name, ink, _)| key(name, *ink)).collect(),
             Content::Map(_) => Vec::new(),
         };

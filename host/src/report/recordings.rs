@@ -114,6 +114,55 @@ fn current_unit(robot: &Robot) -> &'static str {
     if robot.current_is_command { "command" } else { "current, A" }
 }
 
+/// Tracking errors and currents measured under computed torque, beside those of the same movements made once more.
+pub fn made_again(robot: &Robot, pairs: &[(&Recording, Recording)]) -> [Section; 2] {
+    let mut table = Table::new([
+        "recording",
+        "joint",
+        "measured, counts rms",
+        "simulated, counts rms",
+        "largest measured, counts",
+        "largest simulated, counts",
+        "measured within ±1 count, %",
+        "simulated within ±1 count, %",
+    ]);
+    let (mut errors, mut currents) = (Vec::new(), Vec::new());
+    for (measured, simulated) in pairs {
+        let qualities = tracking_quality(measured).into_iter().zip(tracking_quality(simulated));
+        for (index, (joint, (of_measured, of_simulated))) in robot.joints.iter().zip(qualities).enumerate() {
+            let name = measured.path.display().to_string();
+            let both = [of_measured, of_simulated];
+            let cells = [
+                both.map(|quality| Cell::fixed(quality.rms_error_counts, 3)),
+                both.map(|quality| Cell::fixed(quality.max_abs_error_counts, 0)),
+                both.map(|quality| Cell::fixed(quality.within_one_count_percent, 2)),
+            ];
+            let names = [Cell::from(name.as_str()), Cell::from(joint.name.as_str())];
+            table = table.row(names.into_iter().chain(cells.into_iter().flatten()));
+            let picture = |axis: &str, column: fn(&Recording) -> &Vec<Vec<f64>>| {
+                let of = |recording: &Recording, name: &str, ink: Ink| {
+                    over_time(recording, robot, &column(recording)[index], name, ink)
+                };
+                let mut lines = of(measured, "measured", Ink::Measured);
+                lines.extend(of(simulated, "simulated", Ink::Simulated));
+                Picture::lines(format!("joint {}, {name}", joint.name), ["time, s", axis], lines)
+            };
+            let of_error = picture("error, counts", |recording| &recording.error_counts);
+            errors.push(of_error.symmetric(LEAST_EXTENT_COUNTS));
+            currents.push(picture(current_unit(robot), |recording| &recording.current_a));
+        }
+    }
+    let errors = Section::new("Computed torque, measured and simulated")
+        .text(
+            "The model's arm, with the effects that the model has, makes the same movement under computed torque on a \
+             simulated board. Errors are those recorded, whole counts, and of the same size rather than the same sample by \
+             sample: how the counts round is chance. A load in the gripper is not simulated.",
+        )
+        .table(table)
+        .pictures(errors);
+    [errors, Section::new("Currents under computed torque").pictures(currents)]
+}
+
 /// Tracking errors and currents measured, those of a simulated arm under the same position loop, and their difference.
 pub fn repeated(experiment: &Experiment, values: &Values, recordings: &[Recording]) -> [Section; 2] {
     let robot = experiment.robot;

@@ -50,20 +50,28 @@ impl Cell {
         value.map_or(Self::Missing, shown)
     }
 
+    /// As people read it.
+    pub(super) fn text(&self) -> String {
+        match self {
+            Self::Text(text) | Self::Number { text, .. } | Self::Digest(text) => text.clone(),
+            Self::Missing => "–".into(),
+            // Adding zero takes the sign from what rounds to it.
+            Self::Share(value) => format!("{:.2}", (100.0 * value).round() / 100.0 + 0.0),
+        }
+    }
+
     fn markup(&self, heading: bool) -> Markup {
         match self {
             Self::Text(text) if heading => html! { th scope="row" { (text) } },
             Self::Text(text) => html! { td { (text) } },
             Self::Number { value, text } => html! { td.number { data value=(value) { (text) } } },
-            Self::Missing => html! { td.number { "–" } },
+            Self::Missing => html! { td.number { (self.text()) } },
             Self::Share(value) => {
                 // Tenths: style sheets know no arithmetic on the text of an element.
                 let tenths = (10.0 * value.abs()).round().clamp(0.0, 10.0);
                 let class =
                     format!("number share {} tenths{tenths}", if *value < 0.0 { "negative" } else { "positive" });
-                // Adding zero takes the sign from what rounds to it.
-                let text = format!("{:.2}", (100.0 * value).round() / 100.0 + 0.0);
-                html! { td class=(class) { data value=(value) { (text) } } }
+                html! { td class=(class) { data value=(value) { (self.text()) } } }
             }
             Self::Digest(text) => html! { td.digest { (text) } },
         }
@@ -103,19 +111,20 @@ impl Table {
         self
     }
 
+    /// Whether a column holds numbers: it is headed on the side that they stand on.
+    pub(super) fn is_of_numbers(&self, column: usize) -> bool {
+        let of = |row: &Vec<Cell>| matches!(row.get(column), Some(Cell::Number { .. } | Cell::Share(_)));
+        self.rows.iter().any(of)
+    }
+
     pub(super) fn markup(&self) -> Markup {
-        // A column of numbers is headed on the side its numbers stand on.
-        let is_number = |column: usize| {
-            let of = |row: &Vec<Cell>| matches!(row.get(column), Some(Cell::Number { .. } | Cell::Share(_)));
-            self.rows.iter().any(of)
-        };
         html! {
             // Wider than the page it scrolls by itself; reachable by keyboard.
             div.scroll tabindex="0" {
                 table {
                     thead { tr {
                         @for (column, heading) in self.headings.iter().enumerate() {
-                            th scope="col" class=[is_number(column).then_some("number")] { (heading) }
+                            th scope="col" class=[self.is_of_numbers(column).then_some("number")] { (heading) }
                         }
                     } }
                     tbody {

@@ -1,6 +1,6 @@
 //! Files that cannot be used, one mistake at a time.
 
-use crate::bench::{BAD_FILE, Bench, FAILED, replace_line};
+use crate::bench::{BAD_FILE, Bench, FAILED, USAGE, replace_line};
 
 #[test]
 fn bad_recordings_are_code_3_and_named_by_line() {
@@ -23,6 +23,8 @@ fn bad_recordings_are_code_3_and_named_by_line() {
     refused(&["bad.csv:5215", "cut off", "copy the file again"]);
     spoil(&|text| replace_line(&text, 1, "tick,ref3,ref2,err3,err2,cur3,cur2,cmd3,cmd2"));
     refused(&["bad.csv:1", "swapped"]);
+    spoil(&|_| String::new());
+    refused(&["bad.csv:1", "the header", "is missing", "the file is empty"]);
     spoil(&|text| text.lines().take(20).map(|line| format!("{line}\n")).collect());
     refused(&["bad.csv", "19 samples", "at least 50"]);
     bench.refused(BAD_FILE, "identify missing.csv", &["missing.csv", "cannot be read"]);
@@ -31,6 +33,16 @@ fn bad_recordings_are_code_3_and_named_by_line() {
     });
     spoil(&|text| text + "\n");
     refused(&["bad.toml", "position_gain_a_per_count", "NaN"]);
+}
+
+/// Noise that counts twice would halve the variances stated, and what was fitted foretells itself.
+#[test]
+fn a_recording_is_used_once() {
+    let bench = Bench::new().with_recording();
+    for command in ["identify run.csv ./run.csv", "identify run.csv --check run.csv", "explain run.csv run.csv"] {
+        bench.refused(USAGE, command, &["run.csv is given twice", "give it once"]);
+    }
+    bench.refused(USAGE, "calibrate run.csv run.csv", &["run.csv is given twice"]);
 }
 
 #[test]

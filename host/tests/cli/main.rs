@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod bench;
+mod benchmarks;
 mod board;
 mod doctor;
 mod documentation;
@@ -208,6 +209,12 @@ fn results_never_destroy_what_they_are_made_of() {
         bench.refused(USAGE, &format!("identify run.csv --robot robot.toml --out {out}"), &[out, "overwritten"]);
     }
     bench.refused(USAGE, "calibrate run.csv --out run.csv", &["run.csv", "overwritten"]);
+    // A slip: the first recording becomes the value of --out.
+    std::fs::copy(bench.path("run.csv"), bench.path("other.csv")).unwrap();
+    for command in ["identify --out other.csv", "identify --report other.csv", "calibrate --out other.csv"] {
+        bench.refused(USAGE, &format!("{command} run.csv"), &["other.csv is a recording", "choose another name"]);
+    }
+    assert_eq!(kept("other.csv"), recording);
     assert_eq!(kept("robot.toml"), robot);
     assert_eq!(kept("run.csv"), recording);
     // A second recording under the same name replaces the first with its manifest, as asked.

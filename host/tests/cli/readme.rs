@@ -1,5 +1,6 @@
 //! What README.md shows, run as it stands there.
 
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::bench::Bench;
@@ -57,9 +58,16 @@ fn the_commands_of_the_overview_do_what_is_shown() {
     run_code(&bench, code("Using it", "sh", 1), &[]);
     assert!(bench.path("errors.svg").is_file());
     run(&bench, "Report", &[]);
-    for page in ["report.html", "identified.html", "track.html", "load.html"] {
+    for page in ["report.html", "identified.html", "track.html", "load.html", "speed.html", "ctc.html"] {
         assert!(std::fs::read_to_string(bench.path(page)).unwrap().contains("<svg"), "{page}");
     }
+}
+
+/// What stands between backquotes or on a line of a shell, without its remark.
+fn pieces() -> impl Iterator<Item = String> {
+    let blocks = README.split("```sh\n").skip(1).filter_map(|block| block.split("```").next());
+    let pieces = README.split('`').chain(blocks.flat_map(str::lines));
+    pieces.map(|text| text.split(" #").next().unwrap().replace('\n', " "))
 }
 
 /// Those that need minutes or a board are not run here, but what they are called and their options are those of the parser.
@@ -67,9 +75,7 @@ fn the_commands_of_the_overview_do_what_is_shown() {
 fn every_command_named_is_there_with_its_options() {
     const OPTIONS: &str = include_str!("../../OPTIONS.md");
     let mut named = 0;
-    let blocks = README.split("```sh\n").skip(1).filter_map(|block| block.split("```").next());
-    for text in README.split('`').chain(blocks.flat_map(str::lines)) {
-        let text = text.split(" #").next().unwrap().replace('\n', " ");
+    for text in pieces() {
         let command = ["armid ", "cargo run --release -- "].iter().find_map(|start| text.strip_prefix(start));
         let Some(command) = command else { continue };
         let is_name = |word: &&str| word.chars().all(|letter| letter.is_ascii_lowercase() || letter == '-');
@@ -83,6 +89,64 @@ fn every_command_named_is_there_with_its_options() {
         named += 1;
     }
     assert!(named > 60, "{named}");
+}
+
+/// What is not armid's own: packages, tests, programs and their options, stages of `tests/run`, the rule to install.
+#[test]
+fn every_other_command_names_what_is_there() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let text =
+        |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let stages = text(&root.join("tests/run"));
+    let mut named = 0;
+    for command in pieces() {
+        // Behind variables, if any.
+        let words: Vec<&str> = command.split_whitespace().skip_while(|word| word.starts_with("ARMID_")).collect();
+        match words[..] {
+            ["tests/run", stage, ..] => assert!(stages.contains(&format!("\n#   tests/run {stage} ")), "{command}"),
+            ["hidden-effects", ..] => {
+                let options = text(&root.join("tests/src/bin/hidden-effects.rs"));
+                for option in words.iter().filter_map(|word| word.strip_prefix("--")) {
+                    assert!(options.contains(&format!("    {option}: ")), "{command}: --{option}");
+                }
+            }
+            ["cargo", alias] if alias.starts_with("run-") => {
+                assert!(text(&root.join(".cargo/config.toml")).contains(&format!("\n{alias} = ")), "{command}");
+            }
+            ["cargo", ..] => of_cargo(&root, &words),
+            _ => continue,
+        }
+        named += 1;
+    }
+    assert!(named > 12, "{named}");
+    let install = include_str!("../../udev/60-armid.rules").lines().find_map(|line| line.strip_prefix("#   "));
+    assert!(README.contains(install.expect("the rule says how it is installed")));
+}
+
+/// The package, test, benchmark or program of a command line of cargo, and the tests that it selects.
+fn of_cargo(root: &Path, words: &[&str]) {
+    let value = |option: &str| Some(words[words.iter().position(|word| *word == option)? + 1]);
+    let folder = match value("-p").or_else(|| value("--path")) {
+        Some("armid-tests") => root.join("tests"),
+        _ => root.join("host"),
+    };
+    let there = |kind: &str, name: &str| -> PathBuf {
+        let places = [format!("{kind}/{name}.rs"), format!("{kind}/{name}/main.rs")];
+        let mut found = places.iter().map(|place| folder.join(place)).filter(|path| path.is_file());
+        found.next().unwrap_or_else(|| panic!("{words:?}: no {name}"))
+    };
+    for (option, kind) in [("--bench", "benches"), ("--bin", "src/bin"), ("--test", "tests")] {
+        let Some(name) = value(option) else { continue };
+        let main = there(kind, name);
+        let behind = words.iter().position(|word| *word == name).map_or(words.len(), |at| at + 1);
+        let Some(filter) = words[behind..].first().filter(|word| option == "--test" && !word.starts_with('-')) else {
+            continue;
+        };
+        let files = main.parent().into_iter().flat_map(|folder| folder.read_dir().unwrap()).flatten();
+        let is_there = |text: String| text.lines().any(|line| line.starts_with("fn ") && line.contains(filter));
+        let mut texts = files.filter_map(|file| std::fs::read_to_string(file.path()).ok());
+        assert!(texts.any(is_there), "{words:?}: no test {filter}");
+    }
 }
 
 #[test]
@@ -119,8 +183,23 @@ assert json.load(open('model.json'))['f']['f7']['unit'] == 'kg m²'
             let told = String::from_utf8_lossy(&output.stderr);
             // Before 3.11 Python has no reader of TOML.
             assert!(told.contains("No module named 'tomllib'"), "{told}");
-            eprintln!("python3 is too old: its part was skipped");
+            return eprintln!("python3 is too old: its part was skipped");
         }
-        Err(_) => eprintln!("no python3 here: its part was skipped"),
+        Err(_) => return eprintln!("no python3 here: its part was skipped"),
+    }
+    // The snippet itself, to the letter.
+    let snippet = code("To and from other programs", "python", 0);
+    let checked = format!(
+        "{snippet}
+assert errors.abs().max() == counts['errelbow'].abs().max() > 0
+assert manifest['mode'] == 'p' and len(robot['joint']) == 2 and model['unit'] == 'kg m²'"
+    );
+    let output =
+        Command::new("python3").args(["-X", "utf8", "-c", &checked]).current_dir(bench.path("")).output().unwrap();
+    let told = String::from_utf8_lossy(&output.stderr);
+    if told.contains("No module named 'pandas'") {
+        eprintln!("no pandas here: the snippet was skipped");
+    } else {
+        assert!(output.status.success(), "{told}");
     }
 }

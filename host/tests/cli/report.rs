@@ -64,6 +64,56 @@ fn recordings_and_a_model_on_disk_make_a_page() {
     bench.refused(BAD_FILE, "report absent.csv --out page.html", &["absent.csv"]);
 }
 
+/// The simulated arm of the truth errs under computed torque as the recorded one did, with the controller's own model, wrong
+/// as it is; with the true one it would not.
+#[test]
+fn a_movement_under_computed_torque_is_made_once_more() {
+    const SECTION: &str = "Computed torque, measured and simulated";
+    let bench = Bench::new().with_recording();
+    bench.spoil("truth.toml", "wrong.toml", |text| {
+        let mut model: toml::Table = text.parse().unwrap();
+        for coulomb_nm in model["friction"]["coulomb_nm"].as_array_mut().unwrap() {
+            *coulomb_nm = (0.5 * coulomb_nm.as_float().unwrap()).into();
+        }
+        toml::to_string(&model).unwrap()
+    });
+    let ctc = "simulate --model truth.toml --controller-model wrong.toml --mode ctc --seed 9 --settle 1 --out ctc.csv";
+    bench.done(ctc);
+    let shown = bench.json("report run.csv ctc.csv --model truth.toml --controller-model wrong.toml --out page.html");
+    let page = Page::read(&bench, "page.html");
+    page.expect_sections(
+        &[&["Parameters"], &REPEATED[..], &[SECTION, "Currents under computed torque"], &["Provenance"]].concat(),
+    );
+    let (measured, simulated) = (page.column(SECTION, 0, 2), page.column(SECTION, 0, 3));
+    assert_eq!(simulated, numbers(&shown["simulated_under_computed_torque"][0]["rms_error_counts"]));
+    for (measured, simulated) in measured.iter().zip(&simulated) {
+        assert!((simulated / measured - 1.0).abs() < 0.05, "{measured} {simulated}");
+    }
+    assert_eq!(page.pictures(SECTION), ["joint 2, ctc.csv", "joint 3, ctc.csv"]);
+
+    // The manifest knows which model the board had.
+    bench.done("report ctc.csv --model truth.toml --out page.html");
+    let page = Page::read(&bench, "page.html");
+    for (measured, exact) in measured.iter().zip(page.column(SECTION, 0, 3)) {
+        assert!(exact < 0.5 * measured, "{measured} {exact}");
+    }
+    assert!(page.text().contains("give the one it ran with as --controller-model"));
+
+    // What cannot be made again is shown as measured: a movement cut short, one of another name, one that changed.
+    for (from, to, reason) in [
+        ("mode = ", "partial = 'stopped'\nmode = ", "only part of the movement"),
+        ("paper, T = 3.65 s", "gone.toml", "gone.toml"),
+        ("paper, T = 3.65 s", "paper, T = 3.64 s", "counts from that of the movement"),
+    ] {
+        bench.spoil("ctc.toml", "other.toml", |text| text.replacen(from, to, 1));
+        std::fs::copy(bench.path("ctc.csv"), bench.path("other.csv")).unwrap();
+        bench.done("report other.csv --model truth.toml --out page.html");
+        let page = Page::read(&bench, "page.html");
+        page.expect_sections(&["Parameters", "Not simulated", "Tracking errors", "Currents", "Provenance"]);
+        assert!(page.text().contains("other.csv is shown as measured") && page.text().contains(reason), "{reason}");
+    }
+}
+
 #[test]
 fn an_identification_shows_its_parameters_search_and_certainty() {
     let bench = Bench::new().with_recording();
@@ -236,6 +286,8 @@ fn a_page_that_cannot_be_written_is_told_before_the_work() {
         "demo",
         "demo explain",
         "demo load",
+        "bench paper",
+        "bench explain --dir .",
     ];
     for command in commands {
         for page in ["folder", "robot.toml/page.html"] {

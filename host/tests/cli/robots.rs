@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use armid::robot::Robot;
 
-use crate::bench::{BAD_FILE, Bench, UNSAFE, USAGE, numbers};
+use crate::bench::{BAD_FILE, Bench, FAILED, UNSAFE, USAGE, numbers};
 
 /// What a maker would write down of the example's double pendulum.
 const ANSWERS: &str = r#"
@@ -148,6 +148,27 @@ fn a_direct_drive_double_pendulum_is_recorded_identified_and_tracked() {
     // What leaves the chain for a simulator is this arm.
     let urdf = bench.done("export model.toml --robot pendulum.toml --format urdf");
     assert!(urdf.contains("<origin xyz=\"0.35 0 0\"/>") && urdf.contains("link_elbow"), "{urdf}");
+}
+
+/// What stopped a movement is told, and noted in the manifest, with the names of the robot file. The first joint has the
+/// board's number of the second here: renamed twice, it would be the elbow.
+#[test]
+fn a_recording_that_was_cut_short_names_the_joint_as_the_robot_file_does() {
+    let bench = Bench::new();
+    bench.spoil("robot.toml", "strict.toml", |text| {
+        let named = text.replace("name = \"3\"", "name = \"elbow\"").replace("name = \"2\"", "name = \"3\"");
+        // The first joint comes to 120 counts on this movement, the second to 99.
+        format!("following_error_limit_counts = 110\n{named}")
+    });
+    let output = bench.run("record --board sim --robot strict.toml --out run.csv");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(FAILED), "{stderr}");
+    let told = "joint 3 is";
+    assert!(stderr.contains(told) && !stderr.contains("elbow is"), "{stderr}");
+    let manifest = armid::recording::Manifest::read(&bench.path("run.toml")).unwrap();
+    let reason = manifest.partial.unwrap();
+    assert!(reason.contains(told), "{reason}");
+    assert!(bench.done("report run.csv --robot strict.toml").contains(&reason));
 }
 
 /// A limit left out would be the reference robot's: on another arm nothing moves within limits that are not its own.

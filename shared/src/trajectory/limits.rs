@@ -178,12 +178,14 @@ impl Margin {
 /// One line for people: `joint 2 speed: 1.352 rad/s at 0.912 s, limit 2.700, left 1.348`.
 impl fmt::Display for Margin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // What rounds to zero has no sign.
+        let peak = if self.peak.abs() < 0.5e-4 { 0.0 } else { self.peak };
         write!(
             f,
             "joint {} {}: {:.4} {} at {:.4} s, limit {:.4}, left {:.4}",
             u32::from(self.joint) + 2,
             self.quantity.name(),
-            self.peak,
+            peak,
             self.quantity.unit(),
             seconds::<f32>(self.time_ns),
             self.limit,

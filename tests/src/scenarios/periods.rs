@@ -53,12 +53,12 @@ fn run_at_every_period<B: BoardUnderTest>(switch_on: &impl Fn(Setup) -> B, law: 
     }
 }
 
-/// See [`run_at_every_period`].
+/// See `run_at_every_period`.
 pub fn the_position_loop_runs_in_time_at_every_period<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
     run_at_every_period(&switch_on, ControlLaw::Position, POSITION_LIMIT_US);
 }
 
-/// See [`run_at_every_period`].
+/// See `run_at_every_period`.
 pub fn computed_torque_runs_in_time_at_every_period<B: BoardUnderTest>(switch_on: impl Fn(Setup) -> B) {
     run_at_every_period(&switch_on, ControlLaw::ComputedTorque, COMPUTED_TORQUE_LIMIT_US);
 }

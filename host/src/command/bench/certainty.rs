@@ -9,15 +9,17 @@ use armid::hidden_robot::HiddenRobot;
 use armid::identify::{Identification, Options, Parameter, identify};
 use armid::link::{SimulatedBoard, TorqueNoise};
 use armid::recording::{Mode, Recording};
+use armid::report::{Cell, Content, Ink, Interval, Intervals, Line, Picture, Section, Table};
 use armid::robot::{Law, Robot};
 use clap::Args;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use shared::arm::{PARAMETERS, REFERENCE_F};
 
-use super::super::common::{TrajectoryArguments, print, print_json};
+use super::super::common::TrajectoryArguments;
 use super::super::run::Run;
-use super::super::{CommandError, progress};
+use super::super::{CommandError, page, progress};
+use super::{Measured, seeds};
 
 /// The two movements in s.
 const PERIODS_S: [f64; 2] = [3.65, 5.0];
@@ -51,13 +53,10 @@ pub struct Certainty {
     /// The paper's loop instead of the default one: 50 µs at gains that hold ±10 counts
     #[arg(long)]
     stiff: bool,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
 }
 
 impl Certainty {
-    pub fn run(&self) -> Result<(), CommandError> {
+    pub fn measure(&self) -> Result<Measured, CommandError> {
         if let Some(wrong) = self.torque_noise.iter().find(|percent| !(0.0..=100.0).contains(*percent)) {
             return Err(CommandError::Usage(format!("--torque-noise {wrong} is not from 0 to 100 per cent")));
         }
@@ -85,13 +84,20 @@ impl Certainty {
             studies.push(Study { percent, judged: judged? });
         }
         bar.finish_and_clear();
-        if self.json {
-            return print_json(&json!({
+        let stiff = if self.stiff { "the paper's: 50 µs at gains that hold ±10 counts" } else { "the default one" };
+        Ok(Measured {
+            title: format!("{} robots identified, and their standard errors judged", self.robots),
+            verdict: studies.iter().map(Study::verdict).collect::<Vec<_>>().join(" "),
+            sections: studies.iter().map(Study::section).collect(),
+            json: json!({
                 "robots": self.robots, "seed": self.seed, "stiff": self.stiff,
                 "studies": studies.iter().map(Study::to_json).collect::<Vec<_>>(),
-            }));
-        }
-        print(studies.iter().map(Study::table).collect::<Vec<_>>().join("\n\n"))
+            }),
+            provenance: page::provenance()
+                .robot(&robot)
+                .fact("loop", stiff)
+                .fact("seeds", seeds(self.seed, self.robots)),
+        })
     }
 }
 
@@ -221,36 +227,79 @@ impl Study {
         self.rows().iter().all(|[largest, allowed, ..]| largest <= allowed)
     }
 
-    fn table(&self) -> String {
-        let mut lines = vec![
-            format!("{} robots, random torque {} % of each motor's rms torque", self.judged.len(), self.percent),
+    fn verdict(&self) -> String {
+        format!(
+            "With a random torque of {} %, intervals of ±1.96 standard errors hold {:.1} % of all parameters.",
+            self.percent,
+            100.0 * self.coverage(1.96)
+        )
+    }
+
+    fn section(&self) -> Section {
+        let mut table =
+            Table::new(["", "largest error", "allowed", "rms error", "rms stated", "rms of error over stated"]);
+        for (index, [largest, allowed, error, stated, ratio]) in self.rows().into_iter().enumerate() {
+            let errors = [largest, allowed, error, stated].map(|error| Cell::fixed(error, 6));
+            let name = Cell::from(format!("f{}", index + 1));
+            table = table.row([name].into_iter().chain(errors).chain([Cell::fixed(ratio, 2)]));
+        }
+        let sentences = [
             format!(
-                "{:<4} {:>13} {:>9} {:>11} {:>15} {:>18}",
-                "", "largest error", "allowed", "rms error", "rms stated", "rms error/stated"
+                "Every f within what is allowed: {}; worst f within 3 standard errors: {:.1} % of robots.",
+                if self.all_near() { "yes" } else { "no" },
+                100.0 * self.share(|judged| judged.worst_f() <= 3.0)
+            ),
+            format!(
+                "Intervals of ±1.96 standard errors hold {:.1} % of all parameters, ±3 hold {:.1} %.",
+                100.0 * self.coverage(1.96),
+                100.0 * self.coverage(3.0)
+            ),
+            format!(
+                "Lack of fit reported: {:.1} % of robots; something not identifiable: {:.1} %.",
+                100.0 * self.share(|judged| judged.found.lack_of_fit),
+                100.0 * self.share(|judged| !judged.found.not_identifiable.is_empty())
             ),
         ];
-        for (index, [largest, allowed, error, stated, ratio]) in self.rows().into_iter().enumerate() {
-            lines.push(format!(
-                "f{:<3} {largest:>13.6} {allowed:>9.6} {error:>11.6} {stated:>15.6} {ratio:>18.2}",
-                index + 1
-            ));
-        }
-        lines.push(format!(
-            "every f within what is allowed: {}; worst f within 3 standard errors: {:.1} % of robots",
-            if self.all_near() { "yes" } else { "no" },
-            100.0 * self.share(|judged| judged.worst_f() <= 3.0)
-        ));
-        lines.push(format!(
-            "intervals of ±1.96 standard errors hold {:.1} % of all parameters, ±3 hold {:.1} %",
-            100.0 * self.coverage(1.96),
-            100.0 * self.coverage(3.0)
-        ));
-        lines.push(format!(
-            "lack of fit reported: {:.1} % of robots; something not identifiable: {:.1} %",
-            100.0 * self.share(|judged| judged.found.lack_of_fit),
-            100.0 * self.share(|judged| !judged.found.not_identifiable.is_empty())
-        ));
-        lines.join("\n")
+        let (robots, percent) = (self.judged.len(), self.percent);
+        Section::new(format!("{robots} robots, random torque {percent} % of each motor's rms torque"))
+            .table(table)
+            .list(sentences)
+            .pictures(vec![self.errors(), self.coverages()])
+    }
+
+    /// Errors of f beside the standard errors stated.
+    fn errors(&self) -> Picture {
+        let rows = self.rows();
+        let of = |column: usize, to: usize| {
+            let interval = |row: &[f64; 5]| Interval { low: row[column], value: row[column], high: row[to] };
+            rows.iter().map(|row| Some(interval(row))).collect::<Vec<_>>()
+        };
+        let sources = vec![
+            ("error, rms and up to the largest".to_string(), Ink::Measured, of(2, 0)),
+            ("standard error stated, rms".to_string(), Ink::Simulated, of(3, 3)),
+        ];
+        let names = (1..=PARAMETERS).map(|f| format!("f{f}")).collect();
+        let content = Content::Intervals(Intervals { names, sources, logarithmic: true });
+        Picture::of("Errors of f, kg m² and kg m", ["", "error"], content)
+    }
+
+    /// Parameters within so many standard errors, beside those of a normal distribution.
+    fn coverages(&self) -> Picture {
+        const STEP: f64 = 0.05;
+        let widths = || (0..=80).map(|step| STEP * f64::from(step));
+        let found = widths().map(|width| (width, 100.0 * self.coverage(width))).collect();
+        let mut within = 0.0;
+        let normal = widths().map(|width| {
+            let point = (width, within);
+            // The density in the middle of the step: exact to 1e-4 per cent.
+            let middle = width + 0.5 * STEP;
+            within += 100.0 * STEP * (2.0 / std::f64::consts::PI).sqrt() * (-0.5 * middle * middle).exp();
+            point
+        });
+        let normal = normal.collect();
+        let lines =
+            vec![Line::new("of a normal distribution", Ink::Bound, normal), Line::new("found", Ink::Measured, found)];
+        Picture::lines("Parameters within their intervals", ["± standard errors", "%"], lines)
     }
 
     fn to_json(&self) -> Value {

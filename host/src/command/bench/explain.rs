@@ -11,8 +11,8 @@ use armid::explain_benchmark::score::Judged;
 use armid::explain_benchmark::{screen, sindy};
 use clap::Args;
 
-use super::super::common::{print, print_json};
-use super::super::{CommandError, progress};
+use super::super::{CommandError, page, progress};
+use super::Measured;
 
 const EXAMPLES: &str = "Example:
   armid bench explain --dir cases";
@@ -42,15 +42,15 @@ pub struct Explain {
     /// Only the rivals, without `explain` itself
     #[arg(long)]
     rivals_only: bool,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
 }
 
 impl Explain {
-    pub fn run(&self) -> Result<(), CommandError> {
+    pub fn measure(&self) -> Result<Measured, CommandError> {
         let failed = |path: &Path, error: std::io::Error| CommandError::Failed(format!("{}: {error}", path.display()));
-        let cases = Case::all(&self.dir).map_err(|error| failed(&self.dir, error))?;
+        let cases = Case::all(&self.dir).map_err(|error| {
+            let folder = self.dir.display();
+            CommandError::Usage(format!("--dir {folder} cannot be read: {error}; name the folder of the cases"))
+        })?;
         if cases.is_empty() {
             return Err(CommandError::Failed(format!(
                 "{}: no case in it; write some with the program hidden-effects (see --help)",
@@ -72,10 +72,17 @@ impl Explain {
         methods.push(("best single regression", self.judge("screen", &cases, &results, &screen::answer)?));
         methods.push(("discrepancy SINDy", self.judge("sindy", &cases, &results, &sindy::answer)?));
         let methods: Vec<Method<'_>> = methods.iter().map(|(name, judged)| Method { name, judged }).collect();
-        if self.json {
-            return print_json(&report::json(&methods));
-        }
-        print(report::text(&methods))
+        let program = program.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        Ok(Measured {
+            title: "Hidden effects, named by explain and its rivals".into(),
+            verdict: report::verdict(&methods),
+            sections: report::sections(&methods),
+            json: report::json(&methods),
+            provenance: page::provenance()
+                .fact("cases", format!("{} of {}", cases.len(), self.dir.display()))
+                .fact("program judged", program)
+                .seed(self.seed),
+        })
     }
 
     /// Asks one method about every case, then opens the truths.

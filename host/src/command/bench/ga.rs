@@ -14,6 +14,7 @@ use armid::identify::{
 };
 use armid::link::SimulatedBoard;
 use armid::recording::Mode;
+use armid::report::{Cell, Content, Ink, Line, Picture, Section, Table};
 use armid::robot::Robot;
 use armid::searchers::{Problem, differential_evolution, evolution_strategy, random};
 use clap::Args;
@@ -24,9 +25,10 @@ use shared::arm::PARAMETERS;
 use shared::genetic::{Coding, Genetic, Range, Settings};
 use shared::plant::Plant;
 
-use super::super::common::{TrajectoryArguments, print, print_json};
+use super::super::common::TrajectoryArguments;
 use super::super::run::Run;
-use super::super::{CommandError, progress};
+use super::super::{CommandError, page, progress};
+use super::{Measured, seeds};
 
 /// The paper's movement in s.
 const PERIOD_S: f64 = 3.65;
@@ -52,9 +54,6 @@ pub struct Ga {
     /// Search only this share of the search ranges, around a point that is this share off the truth at most
     #[arg(long, value_name = "SHARE", value_parser = share)]
     around: Option<f64>,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
 }
 
 fn share(text: &str) -> Result<f64, String> {
@@ -85,9 +84,19 @@ fn searchers() -> Vec<(&'static str, Searcher)> {
     ]
 }
 
+/// What is drawn together.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Genetic,
+    Other,
+}
+
 /// One kind of search, many times.
 struct Outcome {
     name: String,
+    kind: Kind,
+    /// Whether it went up the filter ladder.
+    ladder: bool,
     /// Of each search: every improvement of its best raw objective, as (candidates judged, objective in counts²).
     courses: Vec<Vec<(usize, f64)>>,
 }
@@ -107,10 +116,27 @@ impl Outcome {
         reached.sort_unstable();
         reached
     }
+
+    /// The share of searches that came to `target_counts2`.
+    fn success(&self, target_counts2: f64) -> f64 {
+        self.reached(target_counts2).len() as f64 / self.courses.len() as f64
+    }
+
+    /// The median over the searches of the least objective after so many candidates, counts²; infinite where most have
+    /// none yet.
+    fn median_after(&self, judged: usize) -> f64 {
+        let least = |course: &Vec<(usize, f64)>| {
+            let so_far = course.iter().take_while(|step| step.0 <= judged).last();
+            so_far.map_or(f64::INFINITY, |step| step.1)
+        };
+        let mut least: Vec<f64> = self.courses.iter().map(least).collect();
+        least.sort_by(f64::total_cmp);
+        middle(&least).unwrap_or(f64::INFINITY)
+    }
 }
 
 impl Ga {
-    pub fn run(&self) -> Result<(), CommandError> {
+    pub fn measure(&self) -> Result<Measured, CommandError> {
         let robot = Robot::paper();
         let truth = HiddenRobot::draw(&robot, self.seed);
         let robot = truth.with_known_friction(&robot);
@@ -141,8 +167,9 @@ impl Ga {
                         course
                     })
                     .collect::<Result<Vec<_>, CommandError>>()?;
-                let ladder = if ladder { ", ladder" } else { "" };
-                outcomes.push(Outcome { name: format!("{name}{ladder}"), courses });
+                let kind = if matches!(searcher, Searcher::Genetic(_)) { Kind::Genetic } else { Kind::Other };
+                let name = format!("{name}{}", if ladder { ", ladder" } else { "" });
+                outcomes.push(Outcome { name, kind, ladder, courses });
             }
         }
         let sought = Sought { friction: FrictionMode::Known, ..Sought::default() };
@@ -158,13 +185,27 @@ impl Ga {
             })
             .collect::<Result<Vec<_>, CommandError>>()?;
         let (searched, taken) = courses.into_iter().unzip();
-        outcomes.push(Outcome { name: "armid identify, no guess: its search".into(), courses: searched });
-        outcomes.push(Outcome { name: "armid identify, no guess: its result".into(), courses: taken });
+        for (what, courses) in [("search", searched), ("result", taken)] {
+            let name = format!("armid identify, no guess: its {what}");
+            outcomes.push(Outcome { name, kind: Kind::Other, ladder: false, courses });
+        }
         bar.finish_and_clear();
         let found = outcomes.iter().flat_map(Outcome::finals);
         let truth_counts2 = experiment.objective_counts2(&known);
         let best_counts2 = found.fold(truth_counts2, f64::min);
-        self.report(&outcomes, [best_counts2, truth_counts2], experiment.samples())
+        let scores = [best_counts2, truth_counts2];
+        let (section, json) = self.scored(&outcomes, scores, experiment.samples());
+        let success = |outcome: &Outcome| 100.0 * outcome.success(FOUND * FOUND * best_counts2);
+        let rivals = outcomes.iter().max_by(|one, other| success(one).total_cmp(&success(other)));
+        Ok(Measured {
+            title: "Searches compared".into(),
+            verdict: rivals.map_or_else(String::new, |best| {
+                format!("Found most surely by {}: {:.0} % of {} searches.", best.name, success(best), self.seeds)
+            }),
+            sections: vec![section.pictures(pictures(&outcomes, self.evaluations, experiment.samples()))],
+            json,
+            provenance: page::provenance().robot(&robot).fact("seeds", seeds(self.seed, self.seeds)),
+        })
     }
 
     /// The course of one search.
@@ -221,61 +262,88 @@ impl Ga {
         Ok(course)
     }
 
-    fn report(
+    /// How surely and how fast each found the least objective known, and what the true values leave.
+    fn scored(
         &self,
         outcomes: &[Outcome],
         [best_counts2, truth_counts2]: [f64; 2],
         samples: usize,
-    ) -> Result<(), CommandError> {
+    ) -> (Section, serde_json::Value) {
         let [target_counts2, as_true_counts2] = [best_counts2, truth_counts2].map(|counts2| FOUND * FOUND * counts2);
-        let rms = |objective: f64| (objective / (2 * samples) as f64).sqrt();
-        if self.json {
-            let of = |outcome: &Outcome| {
-                let reached = outcome.reached(target_counts2);
-                json!({
-                    "name": outcome.name,
-                    "success_rate": reached.len() as f64 / outcome.courses.len() as f64,
-                    "success_rate_of_true_values":
-                        outcome.reached(as_true_counts2).len() as f64 / outcome.courses.len() as f64,
-                    "median_evaluations": middle(&reached),
-                    "median_rms_counts": middle(&outcome.finals()).map(rms),
-                })
-            };
-            return print_json(&json!({
-                "seeds": self.seeds,
-                "seed": self.seed,
-                "evaluations": self.evaluations,
-                "around": self.around,
-                "best_rms_counts": rms(best_counts2),
-                "true_rms_counts": rms(truth_counts2),
-                "searches": outcomes.iter().map(of).collect::<Vec<_>>(),
+        let mut table = Table::new([
+            "search",
+            "success, %",
+            "as true, %",
+            "evaluations until success",
+            "difference at the end, counts rms",
+        ]);
+        let mut searches = Vec::new();
+        for outcome in outcomes {
+            let success = [target_counts2, as_true_counts2].map(|target| outcome.success(target));
+            let evaluations = middle(&outcome.reached(target_counts2));
+            let rms_counts = middle(&outcome.finals()).map(|counts2| rms(counts2, samples));
+            table = table.row([
+                Cell::from(outcome.name.as_str()),
+                Cell::fixed(100.0 * success[0], 0),
+                Cell::fixed(100.0 * success[1], 0),
+                evaluations.map_or(Cell::Missing, Cell::count),
+                Cell::optional(rms_counts, |rms| Cell::fixed(rms, 3)),
+            ]);
+            searches.push(json!({
+                "name": outcome.name,
+                "success_rate": success[0],
+                "success_rate_of_true_values": success[1],
+                "median_evaluations": evaluations,
+                "median_rms_counts": rms_counts,
             }));
         }
-        let mut lines =
-            vec![format!("{:<44} {:>9} {:>9} {:>13} {:>12}", "", "success", "as true", "evaluations", "counts rms")];
-        for outcome in outcomes {
-            let reached = outcome.reached(target_counts2);
-            lines.push(format!(
-                "{:<44} {:>7.0} % {:>7.0} % {:>13} {:>12.3}",
-                outcome.name,
-                100.0 * reached.len() as f64 / outcome.courses.len() as f64,
-                100.0 * outcome.reached(as_true_counts2).len() as f64 / outcome.courses.len() as f64,
-                middle(&reached).map_or("–".into(), |evaluations| evaluations.to_string()),
-                middle(&outcome.finals()).map_or(f64::NAN, rms),
-            ));
-        }
-        lines.push(format!(
+        let section = Section::new("Searches").table(table).text(format!(
             "Success: within {FOUND} of the best known difference, {:.3} counts rms; as true: within {FOUND} of the {:.3} that \
              the true values leave, less being luck with the ringing. Evaluations: candidates judged until success, the \
-             median of the searches that succeeded. Counts rms: what a search ends at, the median. {} searches of {} \
-             candidates each.",
-            rms(best_counts2),
-            rms(truth_counts2),
+             median of the searches that succeeded. Difference at the end: the median. {} searches of {} candidates each.",
+            rms(best_counts2, samples),
+            rms(truth_counts2, samples),
             self.seeds,
             self.evaluations
         ));
-        print(lines.join("\n"))
+        let json = json!({
+            "seeds": self.seeds,
+            "seed": self.seed,
+            "evaluations": self.evaluations,
+            "around": self.around,
+            "best_rms_counts": rms(best_counts2, samples),
+            "true_rms_counts": rms(truth_counts2, samples),
+            "searches": searches,
+        });
+        (section, json)
     }
+}
+
+/// Root mean square difference of an objective, counts.
+fn rms(objective_counts2: f64, samples: usize) -> f64 {
+    (objective_counts2 / (2 * samples) as f64).sqrt()
+}
+
+/// The median of the least differences so far, over the candidates judged: the genetic algorithms, and the others.
+fn pictures(outcomes: &[Outcome], evaluations: u32, samples: usize) -> Vec<Picture> {
+    const POINTS: u32 = 120;
+    let course = |(place, outcome): (usize, &&Outcome)| {
+        let at = (1..=POINTS).map(|point| (u64::from(evaluations) * u64::from(point) / u64::from(POINTS)) as usize);
+        let points = at.map(|judged| (judged as f64, rms(outcome.median_after(judged), samples)));
+        // Before half of the searches have judged their first raw candidate there is none.
+        Line::new(outcome.name.as_str(), Ink::Nth(place), points.filter(|point| point.1.is_finite()).collect())
+    };
+    let of = |title: &str, wanted: &dyn Fn(&Outcome) -> bool| {
+        let outcomes: Vec<&Outcome> = outcomes.iter().filter(|outcome| wanted(outcome)).collect();
+        let lines = outcomes.iter().enumerate().map(course).collect();
+        let axes = ["candidates judged", "difference, counts rms"];
+        Picture::of(format!("Least difference so far: {title}"), axes, Content::LogarithmicLines(lines))
+    };
+    vec![
+        of("genetic algorithms", &|one| one.kind == Kind::Genetic && !one.ladder),
+        of("genetic algorithms, up the ladder", &|one| one.kind == Kind::Genetic && one.ladder),
+        of("the others", &|one| one.kind == Kind::Other),
+    ]
 }
 
 /// The median of sorted values.

@@ -13,6 +13,7 @@ use armid::identify::{
 };
 use armid::link::SimulatedBoard;
 use armid::recording::{Mode, Recording};
+use armid::report::{Cell, Content, Ink, Interval, Intervals, Picture, Section, Table};
 use armid::robot::Robot;
 use clap::Args;
 use rand_core::{Rng, SeedableRng};
@@ -21,9 +22,10 @@ use serde_json::json;
 use shared::arm::PARAMETERS;
 use shared::plant::Plant;
 
-use super::super::common::{TrajectoryArguments, print, print_json};
+use super::super::common::TrajectoryArguments;
 use super::super::run::Run;
-use super::super::{CommandError, progress};
+use super::super::{CommandError, page, progress};
+use super::{Measured, seeds};
 
 /// The paper's movement in s: 5214 samples.
 const PERIOD_S: f64 = 3.65;
@@ -52,13 +54,10 @@ pub struct Identify {
     /// Program to compare with, run in every round: it must print a line `evals_per_s X`
     #[arg(long, value_name = "PROGRAM")]
     baseline: Option<String>,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
 }
 
 impl Identify {
-    pub fn run(&self) -> Result<(), CommandError> {
+    pub fn measure(&self) -> Result<Measured, CommandError> {
         let mut robot = Robot::paper();
         let truth = HiddenRobot::draw(&robot, self.seed);
         // The paper measured friction on the motors beforehand and sought f alone.
@@ -113,36 +112,39 @@ impl Identify {
             object["ratio"] = json!(rates.search.best / rates.baseline);
             object["f64_ratio"] = json!(rates.double.best / rates.baseline);
         }
-        if self.json {
-            return print_json(&object);
-        }
-        let ratio =
-            |rate: f64| if rates.baseline > 0.0 { format!("{:>8.1}", rate / rates.baseline) } else { String::new() };
-        let row =
-            |name: &str, rate: f64, error: &str| format!("{name:<44} {rate:>10.0} {:>8} {error:>10}", ratio(rate));
-        let mut lines = vec![
-            format!(
-                "{:<44} {:>10} {:>8} {:>10}",
-                "candidates a second",
-                "",
-                if self.baseline.is_some() { "ratio" } else { "" },
-                "error"
-            ),
-            row(&format!("search, {lanes} lanes, all cores"), rates.search.best, &format!("{:.1e}", compared.search)),
-            row("double precision, all cores", rates.double.best, &format!("{:.1e}", compared.double)),
-            row("one at a time, one core", rates.scalar.best, "–"),
+        let ways = [
+            (format!("search, {lanes} lanes, all cores"), "search", rates.search.best, Some(compared.search)),
+            ("double precision, all cores".into(), "double precision", rates.double.best, Some(compared.double)),
+            ("one at a time, one core".into(), "one at a time", rates.scalar.best, None),
         ];
-        if self.baseline.is_some() {
-            lines.push(row("the program given", rates.baseline, "–"));
-        }
-        lines.push(format!(
-            "{} samples; {} threads; {instructions}; error: of the objective against one at a time, relative, the worst of \
-             {COMPARED}",
-            experiment.samples(),
-            rayon::current_num_threads()
-        ));
-        lines.push(format!("the paper's whole run, 4 × 20 individuals and {generations} generations: {paper_s:.3} s"));
-        print(lines.join("\n"))
+        let given = self.baseline.as_ref().map(|command| (command.clone(), "program given", rates.baseline, None));
+        let ways: Vec<_> = ways.into_iter().chain(given).collect();
+        let section = Section::new("Candidates a second")
+            .table(rate_table(&ways, rates.baseline))
+            .list([
+                format!(
+                    "{} samples; {} threads; {instructions}; error: of the objective against one at a time, relative, the \
+                     worst of {COMPARED}.",
+                    experiment.samples(),
+                    rayon::current_num_threads()
+                ),
+                format!("The paper's whole run, 4 × 20 individuals and {generations} generations: {paper_s:.3} s."),
+            ])
+            .pictures(vec![rate_picture(&ways)]);
+        Ok(Measured {
+            title: "How fast candidates are judged, and how exactly".into(),
+            verdict: format!(
+                "A search judges {:.0} candidates a second, each objective within {:.1e} of it.",
+                rates.search.best, compared.search
+            ),
+            sections: vec![section],
+            json: object,
+            provenance: page::provenance()
+                .robot(&robot)
+                .fact("seeds", seeds(self.seed, PAPER_RUNS))
+                .fact("threads", rayon::current_num_threads().to_string())
+                .fact("instructions", instructions),
+        })
     }
 
     fn recording(&self, robot: &Robot, truth: &HiddenRobot) -> Result<Recording, CommandError> {
@@ -186,6 +188,29 @@ impl Identify {
         }
         candidates
     }
+}
+
+/// A way of judging: in words, in short, its rate, and the error of its objectives.
+type Way = (String, &'static str, f64, Option<f64>);
+
+fn rate_table(ways: &[Way], baseline: f64) -> Table {
+    let compared = baseline > 0.0;
+    let headings = ["", "candidates a second", "error"].into_iter();
+    let mut table = Table::new(headings.chain(compared.then_some("over the program given")));
+    for (name, _, rate, error) in ways {
+        let cells =
+            [Cell::from(name.as_str()), Cell::fixed(*rate, 0), Cell::optional(*error, Cell::scientific)].into_iter();
+        table = table.row(cells.chain(compared.then(|| Cell::fixed(rate / baseline, 1))));
+    }
+    table
+}
+
+fn rate_picture(ways: &[Way]) -> Picture {
+    let rate = |(_, _, rate, _): &Way| Some(Interval { low: *rate, value: *rate, high: *rate });
+    let sources = vec![(String::new(), Ink::Measured, ways.iter().map(rate).collect())];
+    let names = ways.iter().map(|(_, short, ..)| short.to_string()).collect();
+    let content = Content::Intervals(Intervals { names, sources, logarithmic: true });
+    Picture::of("Candidates a second", ["", "candidates a second"], content)
 }
 
 /// The best rate of one way of judging.

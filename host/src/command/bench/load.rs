@@ -12,6 +12,7 @@ use armid::link::{LoadChange, SimulatedBoard};
 use armid::load::{self, Listener, Told};
 use armid::model::Model;
 use armid::random::Random;
+use armid::report::{Cell, Content, Ink, Line, Picture, Section, Table};
 use armid::robot::{Gripper, Robot};
 use armid::trajectory_file;
 use clap::Args;
@@ -22,8 +23,8 @@ use shared::load::{LoadEstimate, LoadNews, LoadSettings};
 use shared::protocol::{ControlLaw, CurrentScale, Sample};
 use shared::trajectory::Trajectory;
 
-use super::super::common::{print, print_json};
-use super::super::{CommandError, progress};
+use super::super::{CommandError, page, progress};
+use super::Measured;
 
 /// Period T of the movement, s.
 const PERIOD_S: f64 = 3.65;
@@ -55,13 +56,10 @@ pub struct Load {
     /// Seed of the first arm; the others take the ones after it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
 }
 
 impl Load {
-    pub fn run(&self) -> Result<(), CommandError> {
+    pub fn measure(&self) -> Result<Measured, CommandError> {
         if !(0.0..=1000.0).contains(&self.quiet_hours) {
             return Err(CommandError::Usage(format!("--quiet-hours {} is not from 0 to 1000", self.quiet_hours)));
         }
@@ -100,32 +98,62 @@ impl Load {
             .sum::<usize>();
         bar.finish_and_clear();
         let quiet_s = movements as f64 * QUIET_PERIOD_S;
-        let at_rest = (!at_rest.is_empty()).then(|| Study::of(&at_rest));
-        let moving = Study::of(&moving);
-        if self.json {
-            return print_json(&json!({
+        let studies: Vec<(&str, &[Pick], Study)> = [("at rest", &at_rest), ("in motion", &moving)]
+            .into_iter()
+            .filter(|(_, picks)| !picks.is_empty())
+            .map(|(name, picks)| (name, picks.as_slice(), Study::of(picks)))
+            .collect();
+        let json = |wanted: &str| studies.iter().find(|(name, ..)| *name == wanted).map(|(.., study)| study.to_json());
+        let verdict = studies.iter().map(|(name, _, study)| {
+            format!("Taken up {name}: mass error {:.3} kg rms, stated {:.3}.", study.rms_kg, study.stated_kg)
+        });
+        let quiet = format!("No change: {false_triggers} false triggers in {quiet_s:.0} s of motion.");
+        let mut sections: Vec<Section> =
+            studies.iter().map(|(name, picks, study)| study.section(name).pictures(pictures(picks))).collect();
+        sections.push(Section::new("Without a change").text(&quiet));
+        Ok(Measured {
+            title: "Loads taken up by arms whose model is wrong".into(),
+            verdict: verdict.chain([quiet]).collect::<Vec<_>>().join(" "),
+            sections,
+            json: json!({
                 "seed": self.seed,
                 "picks": self.picks,
                 "differential": self.differential,
-                "at_rest": at_rest.as_ref().map(Study::to_json),
-                "in_motion": moving.to_json(),
+                "at_rest": json("at rest"),
+                "in_motion": json("in motion"),
                 "quiet_s": quiet_s,
                 "false_triggers": false_triggers,
-            }));
-        }
-        let mut lines = vec![format!(
-            "loads of 0 to {} kg, f off by up to {:.0} %, friction by up to {:.0} %, seeds {} to {}",
-            Gripper::REFERENCE.maximum_load_kg,
-            100.0 * F_SHARE,
-            100.0 * FRICTION_SHARE,
-            self.seed,
-            self.seed + self.picks - 1
-        )];
-        lines.extend(at_rest.iter().map(|study| study.text("at rest")));
-        lines.push(moving.text("in motion"));
-        lines.push(format!("no change: {false_triggers} false triggers in {quiet_s:.0} s of motion"));
-        print(lines.join("\n"))
+            }),
+            provenance: page::provenance()
+                .robot(&robot)
+                .fact("loads", format!("0 to {} kg", Gripper::REFERENCE.maximum_load_kg))
+                .fact(
+                    "model off by up to",
+                    format!("{:.0} % of f, {:.0} % of friction", 100.0 * F_SHARE, 100.0 * FRICTION_SHARE),
+                )
+                .fact("seeds", super::seeds(self.seed, self.picks)),
+        })
     }
+}
+
+/// What was found against what was carried, and how far off the masses are.
+fn pictures(picks: &[Pick]) -> Vec<Picture> {
+    let found = |pick: &Pick| Some((pick.mass_kg, f64::from(pick.found.as_ref()?.mass_kg)));
+    let rival = |pick: &Pick| Some((pick.mass_kg, pick.rival_kg?));
+    let points = |of: &dyn Fn(&Pick) -> Option<(f64, f64)>| picks.iter().filter_map(of).collect::<Vec<_>>();
+    let own = Line::new("armid", Ink::Measured, points(&found));
+    let rival = Line::new("recursive least squares", Ink::Simulated, points(&rival));
+    let error = |line: &Line| {
+        let points = line.points.iter().map(|&(carried, found)| (carried, found - carried)).collect();
+        Line::new(line.name.as_str(), line.ink, points)
+    };
+    let ends = [0.0, Gripper::REFERENCE.maximum_load_kg];
+    let exact = |of: fn(f64) -> f64| vec![Line::new("exact", Ink::Bound, ends.map(|kg| (kg, of(kg))).to_vec())];
+    let errors = Content::Points(vec![error(&rival), error(&own)], exact(|_| 0.0));
+    vec![
+        Picture::of("Mass found", ["carried, kg", "found, kg"], Content::Points(vec![rival, own], exact(|kg| kg))),
+        Picture::of("Its error", ["carried, kg", "found less carried, kg"], errors),
+    ]
 }
 
 /// Movements of one arm without change.
@@ -377,27 +405,27 @@ impl Study {
         })
     }
 
-    fn text(&self, name: &str) -> String {
-        let pair = |[median, largest]: [f64; 2]| format!("{median:.3} / {largest:.3} s");
-        let errors = self.error_counts.map(|[median, largest]| format!("{median:.0} / {largest:.0}"));
-        format!(
-            "{} taken up {name}: {} found, the largest not noticed {:.2} kg\n  mass error {:.3} kg rms, largest {:.3}; \
-             stated {:.3} on average; {:.0} % within one stated error, {:.0} % within two\n  recursive least squares on \
-             the same rows: {:.3} kg rms\n  in use after (median / largest) {}, of that after the last row {}\n  largest \
-             tracking error before, during, after (median / largest): {} counts",
-            self.picks,
-            self.found,
-            self.largest_missed_kg,
-            self.rms_kg,
-            self.largest_kg,
-            self.stated_kg,
-            100.0 * self.covered[0],
-            100.0 * self.covered[1],
-            self.rival_rms_kg,
-            pair(self.acted_after_s),
-            pair(self.identified_in_s),
-            errors.join(", ")
-        )
+    fn section(&self, name: &str) -> Section {
+        let number = |value: f64, digits: usize| [Cell::fixed(value, digits), Cell::Missing];
+        let of = |[median, largest]: [f64; 2], digits: usize| [median, largest].map(|value| Cell::fixed(value, digits));
+        let rows = [
+            ("found", number(self.found as f64, 0)),
+            ("largest not noticed, kg", number(self.largest_missed_kg, 2)),
+            ("mass error, kg: rms, largest", of([self.rms_kg, self.largest_kg], 3)),
+            ("stated error, kg, mean", number(self.stated_kg, 3)),
+            ("within one and two stated errors, %", of(self.covered.map(|share| 100.0 * share), 0)),
+            ("recursive least squares on the same rows, kg rms", number(self.rival_rms_kg, 3)),
+            ("in use after, s: median, largest", of(self.acted_after_s, 3)),
+            ("of that after the last row, s: median, largest", of(self.identified_in_s, 3)),
+            ("largest error before, counts: median, largest", of(self.error_counts[0], 0)),
+            ("largest error during, counts: median, largest", of(self.error_counts[1], 0)),
+            ("largest error after, counts: median, largest", of(self.error_counts[2], 0)),
+        ];
+        let mut table = Table::new(["", "", ""]);
+        for (name, values) in rows {
+            table = table.row([Cell::from(name)].into_iter().chain(values));
+        }
+        Section::new(format!("{} taken up {name}", self.picks)).table(table)
     }
 }
 

@@ -9,15 +9,16 @@ use armid::hidden_robot::HiddenRobot;
 use armid::identify::{FrictionMode, Identification, Method, Options, Parameter, Sought, identify};
 use armid::link::SimulatedBoard;
 use armid::recording::{Mode, Recording};
-use armid::report::PAPER_SCATTER_PERCENT;
+use armid::report::{Cell, Content, Ink, Interval, Intervals, Line, PAPER_SCATTER_PERCENT, Picture, Section, Table};
 use armid::robot::{Law, Robot};
 use clap::Args;
 use serde_json::json;
 use shared::arm::PARAMETERS;
 
-use super::super::common::{TrajectoryArguments, print, print_json};
+use super::super::common::TrajectoryArguments;
 use super::super::run::Run;
-use super::super::{CommandError, progress};
+use super::super::{CommandError, page, progress};
+use super::{Measured, seeds};
 
 /// The paper's gains in N m of motor torque per count: they hold ±10 counts, and only a fast loop survives them.
 const GAINS_NM_PER_COUNT: [f64; 2] = [0.096, 0.094];
@@ -43,13 +44,10 @@ pub struct Paper {
     /// Seed of the first hidden robot and run; the others take the ones after it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
 }
 
 impl Paper {
-    pub fn run(&self) -> Result<(), CommandError> {
+    pub fn measure(&self) -> Result<Measured, CommandError> {
         let mut robot = Robot::paper();
         robot.loop_period_s = LOOP_PERIOD_S;
         for (joint, gain) in robot.joints.iter_mut().zip(GAINS_NM_PER_COUNT) {
@@ -85,16 +83,25 @@ impl Paper {
 
         let paper = Summary::of(&of_paper);
         let full = Summary::of(&of_full);
-        if self.json {
-            return print_json(&json!({
+        let courses = of_paper.iter().map(|run| run.course()).collect();
+        Ok(Measured {
+            title: "The paper's experiment, many times over".into(),
+            verdict: format!(
+                "The paper ends at {}; its genetic algorithm here at {}, full at {}.",
+                thousands(PAPER_FINAL_COUNTS2),
+                thousands(paper.final_counts2),
+                thousands(full.final_counts2)
+            ),
+            sections: vec![self.objectives(&paper, &full, courses), parameters(&truth, &paper, &full)],
+            json: json!({
                 "runs": self.runs,
                 "seed": self.seed,
                 "true_f": truth.f,
                 "paper": paper.to_json(),
                 "full": full.to_json(),
-            }));
-        }
-        print(self.table(&truth, &paper, &full))
+            }),
+            provenance: page::provenance().robot(&robot).fact("seeds", seeds(self.seed, self.runs)),
+        })
     }
 
     /// One recording of the movement.
@@ -108,56 +115,102 @@ impl Paper {
         run.on(&mut client)?.whole()
     }
 
-    fn table(&self, truth: &HiddenRobot, paper: &Summary, full: &Summary) -> String {
-        let range = |[low, high]: [f64; 2]| format!("{:.1}–{:.1} thousand", low / 1e3, high / 1e3);
-        let objective = |name: &str, first: String, last: String| format!("{name:<44} {first:>22} {last:>22}");
-        let mut lines = vec![
-            objective("Objective Y, counts²", "first generation".into(), "at the end".into()),
-            objective("the paper", range(PAPER_FIRST_COUNTS2), range(PAPER_FINAL_COUNTS2)),
-            objective(
-                &format!("its genetic algorithm, {} seeds on one robot", self.runs),
-                range(paper.first_counts2),
-                range(paper.final_counts2),
-            ),
-            objective(&format!("full, {} robots", self.runs), "–".into(), range(full.final_counts2)),
-            String::new(),
-            format!(
-                "{:<4} {:>9} | {:>11} | {:>9} {:>11} | {:>11} {:>11} {:>9}",
-                "", "", "the paper", "its GA,", "here", "full, here", "stated", "error /"
-            ),
-            format!(
-                "{:<4} {:>9} | {:>11} | {:>9} {:>11} | {:>11} {:>11} {:>9}",
-                "", "true", "scatter, ±%", "±%", "error, %", "error, %", "error, %", "stated"
-            ),
+    /// The objective of the paper, of its algorithm here with the `courses` of its runs, and of `full`.
+    fn objectives(&self, paper: &Summary, full: &Summary, courses: Vec<Line>) -> Section {
+        let here = format!("its genetic algorithm, {} seeds on one robot", self.runs);
+        let rows = [
+            ("the paper".into(), Some(PAPER_FIRST_COUNTS2), PAPER_FINAL_COUNTS2),
+            (here, Some(paper.first_counts2), paper.final_counts2),
+            (format!("full, {} robots", self.runs), None, full.final_counts2),
         ];
-        for index in 0..PARAMETERS {
-            let percent = |value: f64| 100.0 * value / truth.f[index].abs();
-            let stated = full.standard_error.map_or(f64::NAN, |errors| errors[index]);
-            lines.push(format!(
-                "f{:<3} {:>9.4} | {:>11.0} | {:>9.1} {:>11.1} | {:>11.2} {:>11.2} {:>9.2}",
-                index + 1,
-                truth.f[index],
-                PAPER_SCATTER_PERCENT[index],
-                percent(paper.scatter[index]),
-                percent(paper.error[index]),
-                percent(full.error[index]),
-                percent(stated),
-                full.error[index] / stated,
-            ));
+        let mut table = Table::new(["", "first generation, counts²", "at the end, counts²"]);
+        for (name, first, last) in rows {
+            let first = first.map_or(Cell::Missing, |range| Cell::from(thousands(range)));
+            table = table.row([Cell::from(name), first, Cell::from(thousands(last))]);
         }
-        lines.push(
-            "Errors are root mean squares over the runs, in per cent of the first robot's value; ±% is the standard\n\
-             deviation over the seeds; stated is the standard error that full gives."
-                .into(),
-        );
-        lines.join("\n")
+        let generations = courses.iter().map(|line: &Line| line.points.len()).max().unwrap_or(1);
+        let bound = |counts2: f64| {
+            let points = [0.0, (generations - 1) as f64].map(|at| (at, counts2));
+            Line::new("where the paper ends", Ink::Simulated, points.to_vec())
+        };
+        let lines = courses.into_iter().chain(PAPER_FINAL_COUNTS2.map(bound)).collect();
+        let axes = ["generation", "Y, counts²"];
+        let picture = Picture::of("Least Y so far, seed by seed", axes, Content::LogarithmicLines(lines));
+        Section::new("Objective").table(table).pictures(vec![picture])
     }
+}
+
+/// A range of the objective.
+fn thousands([low, high]: [f64; 2]) -> String {
+    format!("{:.1}–{:.1} thousand", low / 1e3, high / 1e3)
+}
+
+/// Errors and scatter of f in per cent of the first robot's.
+fn parameters(truth: &HiddenRobot, paper: &Summary, full: &Summary) -> Section {
+    let percent = |values: &[f64; PARAMETERS]| -> [f64; PARAMETERS] {
+        std::array::from_fn(|index| 100.0 * values[index] / truth.f[index].abs())
+    };
+    let (scatter, of_paper, of_full) = (percent(&paper.scatter), percent(&paper.error), percent(&full.error));
+    let stated = full.standard_error.as_ref().map(percent);
+    let mut table = Table::new([
+        "",
+        "true",
+        "the paper's scatter, ±%",
+        "its GA here, ±%",
+        "its GA here, error, %",
+        "full, error, %",
+        "full, stated error, %",
+        "full, error over stated",
+    ]);
+    for index in 0..PARAMETERS {
+        let stated = stated.map(|stated| stated[index]);
+        table = table.row([
+            Cell::from(format!("f{}", index + 1)),
+            Cell::fixed(truth.f[index], 4),
+            Cell::fixed(PAPER_SCATTER_PERCENT[index], 0),
+            Cell::fixed(scatter[index], 1),
+            Cell::fixed(of_paper[index], 1),
+            Cell::fixed(of_full[index], 2),
+            Cell::optional(stated, |stated| Cell::fixed(stated, 2)),
+            Cell::optional(stated.map(|stated| of_full[index] / stated), |ratio| Cell::fixed(ratio, 2)),
+        ]);
+    }
+    let source = |name: &str, ink: Ink, values: &[f64; PARAMETERS]| {
+        let single = |&value: &f64| Some(Interval { low: value, value, high: value });
+        (name.to_string(), ink, values.iter().map(single).collect::<Vec<_>>())
+    };
+    let sources = vec![
+        source("the paper's scatter", Ink::Simulated, &PAPER_SCATTER_PERCENT),
+        source("its genetic algorithm here, error", Ink::Left, &of_paper),
+        source("full, error", Ink::Measured, &of_full),
+    ];
+    let names = (1..=PARAMETERS).map(|f| format!("f{f}")).collect();
+    let content = Content::Intervals(Intervals { names, sources, logarithmic: true });
+    Section::new("Parameters")
+        .table(table)
+        .text(
+            "Errors are root mean squares over the runs, in per cent of the first robot's value; ±% is the standard \
+             deviation over the seeds; stated is the standard error that full gives.",
+        )
+        .pictures(vec![Picture::of("How far f is off", ["", "% of the value"], content)])
 }
 
 /// A run with the truth it sought.
 struct Judged {
     found: Identification,
     truth: HiddenRobot,
+}
+
+impl Judged {
+    /// The least objective after each generation.
+    fn course(&self) -> Line {
+        let best = self.found.generations.iter().enumerate();
+        Line::new(
+            "its genetic algorithm here",
+            Ink::Measured,
+            best.map(|(k, one)| (k as f64, one.best_counts2)).collect(),
+        )
+    }
 }
 
 /// What many runs of one method gave.

@@ -17,6 +17,7 @@ use armid::link::SimulatedBoard;
 use armid::model::Model;
 use armid::random::Random;
 use armid::recording::{Mode, Recording};
+use armid::report::{Cell, Content, Ink, Interval, Intervals, Picture, Section, Table};
 use armid::robot::Robot;
 use armid::trajectory_file::paper;
 use clap::Args;
@@ -25,9 +26,9 @@ use serde_json::{Value, json};
 use shared::protocol::ControlLaw;
 use shared::trajectory::Trajectory;
 
-use super::super::common::{print, print_json};
 use super::super::own_model::TRAINING_PERIODS_S;
-use super::super::{CommandError, progress};
+use super::super::{CommandError, page, progress};
+use super::Measured;
 
 /// Designed movements to track, and how long the first is and how much longer each next one, in s.
 const DESIGNED: u64 = 10;
@@ -53,13 +54,10 @@ pub struct TrackStudy {
     /// Seed of the first arm, the others take the ones after it; and of the errors of models
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
 }
 
 impl TrackStudy {
-    pub fn run(&self) -> Result<(), CommandError> {
+    pub fn measure(&self) -> Result<Measured, CommandError> {
         let robot = Robot::paper();
         let designed = designed(&robot)?;
         let seeds: Vec<u64> = (self.seed..self.seed + self.robots).collect();
@@ -71,24 +69,30 @@ impl TrackStudy {
         bar.finish_and_clear();
         let rows = rows(&tracked.concat());
         let study = study::Study::new(&robot, &seeds, &designed);
-        if self.json {
-            return print_json(&json!({
+        let board = Section::new("On simulated boards")
+            .text(format!(
+                "Arms within ±10 % of the reference robot ({}), identified from two movements; errors in counts.",
+                self.robots
+            ))
+            .table(table(&rows))
+            .pictures(vec![errors(&rows)]);
+        let worst = |row: &Row| (row.controller == Controller::Identified).then_some(row.worst_within_percent);
+        let worst = rows.iter().filter_map(worst).fold(100.0, f64::min);
+        Ok(Measured {
+            title: "Tracking with identified models on arms never seen".into(),
+            verdict: format!(
+                "With the identified model at least {worst:.2} % of the samples of every movement are within ±1 count."
+            ),
+            sections: vec![board, study.limits(), study.bandwidths()],
+            json: json!({
                 "robots": self.robots,
                 "seed": self.seed,
                 "board": rows.iter().map(Row::to_json).collect::<Vec<_>>(),
                 "limits": study.limits_to_json(),
                 "settings": study.settings_to_json(),
-            }));
-        }
-        let mut lines = vec![
-            format!(
-                "{} arms within ±10 % of the reference robot, identified from two movements, on simulated boards",
-                self.robots
-            ),
-            Row::head(),
-        ];
-        lines.extend(rows.iter().map(Row::line));
-        print(format!("{}\n\n{}\n\n{}", lines.join("\n"), study.limits_table(), study.settings_table()))
+            }),
+            provenance: page::provenance().robot(&robot).fact("seeds", super::seeds(self.seed, self.robots)),
+        })
     }
 }
 
@@ -260,26 +264,8 @@ fn rows(tracked: &[Tracked]) -> Vec<Row> {
 }
 
 impl Row {
-    fn head() -> String {
-        format!(
-            "{:<10} {:>5}  {:<38} {:>6} {:>8} {:>16} {:>8} {:>12} {:>10}",
-            "movements", "joint", "controller", "max", "rms", "within ±1, %", "worst", "torque, N m", "limits, s"
-        )
-    }
-
-    fn line(&self) -> String {
-        format!(
-            "{:<10} {:>5}  {:<38} {:>6.0} {:>8.3} {:>16.3} {:>8.2} {:>12.4} {:>10.3}",
-            if self.paper { "paper's" } else { "designed" },
-            self.joint + 2,
-            self.controller.name(),
-            self.max_counts,
-            self.rms_counts,
-            self.within_percent,
-            self.worst_within_percent,
-            self.torque_rms_nm,
-            self.time_in_limits_s,
-        )
+    fn movements_name(&self) -> &'static str {
+        if self.paper { "paper's" } else { "designed" }
     }
 
     fn to_json(&self) -> Value {
@@ -296,4 +282,45 @@ impl Row {
             "most_time_in_limits_s": self.time_in_limits_s,
         })
     }
+}
+
+fn table(rows: &[Row]) -> Table {
+    let mut table = Table::new([
+        "movements",
+        "joint",
+        "controller",
+        "largest error",
+        "rms error",
+        "within ±1, %",
+        "the worst movement, %",
+        "torque rms, N m",
+        "in limits, s",
+    ]);
+    for row in rows {
+        table = table.row([
+            Cell::from(row.movements_name()),
+            Cell::count(row.joint + 2),
+            Cell::from(row.controller.name()),
+            Cell::fixed(row.max_counts, 0),
+            Cell::fixed(row.rms_counts, 3),
+            Cell::fixed(row.within_percent, 3),
+            Cell::fixed(row.worst_within_percent, 2),
+            Cell::fixed(row.torque_rms_nm, 4),
+            Cell::fixed(row.time_in_limits_s, 3),
+        ]);
+    }
+    table
+}
+
+/// The errors of each controller, from the mean rms to the largest.
+fn errors(rows: &[Row]) -> Picture {
+    let of = |controller: Controller| rows.iter().filter(move |row| row.controller == controller);
+    let names = of(Controller::Position).map(|row| format!("{}, {}", row.movements_name(), row.joint + 2));
+    let sources = Controller::ALL.iter().enumerate().map(|(place, &controller)| {
+        let interval = |row: &Row| Some(Interval { low: row.rms_counts, value: row.rms_counts, high: row.max_counts });
+        (controller.name().to_string(), Ink::Nth(place), of(controller).map(interval).collect())
+    });
+    let intervals = Intervals { names: names.collect(), sources: sources.collect(), logarithmic: true };
+    let title = "Tracking errors by movement and joint: rms, and up to the largest";
+    Picture::of(title, ["", "error, counts"], Content::Intervals(intervals))
 }

@@ -3,6 +3,7 @@
 use armid::hidden_robot::HiddenRobot;
 use armid::margins::{ArmLoop, Margins};
 use armid::random::Random;
+use armid::report::{Cell, Ink, Line, Picture, Section, Table};
 use armid::robot::Robot;
 use armid::tracking::{Followed, TrackingLoop};
 use rayon::prelude::*;
@@ -177,73 +178,91 @@ impl Study {
         Self { limits, choices }
     }
 
-    pub(super) fn limits_table(&self) -> String {
-        let mut lines = vec![
-            "what limits it: one change beside the exact model; true errors of both joints, in counts".to_string(),
-            format!(
-                "{:<34} {:>8} {:>8} {:>14} {:>8} {:>16}",
-                "", "max", "rms", "within ±1, %", "worst", "command noise, A"
-            ),
-        ];
-        lines.extend(self.limits.iter().map(|(name, sum)| {
-            format!(
-                "{name:<34} {:>8.2} {:>8.3} {:>14.3} {:>8.2} {:>16.3}",
-                sum.max_counts,
-                sum.rms_counts(),
-                sum.within_percent(),
-                100.0 * sum.worst_within,
-                sum.command_noise_a(),
-            )
-        }));
-        lines.join("\n")
+    pub(super) fn limits(&self) -> Section {
+        let mut table = Table::new([
+            "change",
+            "largest error",
+            "rms error",
+            "within ±1, %",
+            "the worst movement, %",
+            "command noise, A",
+        ]);
+        for (name, sum) in &self.limits {
+            table = table.row([
+                Cell::from(*name),
+                Cell::fixed(sum.max_counts, 2),
+                Cell::fixed(sum.rms_counts(), 3),
+                Cell::fixed(sum.within_percent(), 3),
+                Cell::fixed(100.0 * sum.worst_within, 2),
+                Cell::fixed(sum.command_noise_a(), 3),
+            ]);
+        }
+        Section::new("What limits it")
+            .text("One change beside the exact model; true errors of both joints, in counts.")
+            .table(table)
     }
 
-    pub(super) fn settings_table(&self) -> String {
-        let mut lines = vec![
-            format!(
-                "bandwidths: exact model, f and friction up to 5 % off; gain and phase margin of the worse joint, rigid and \
-                 with a shaft of joint 3 that swings at {FLEXIBLE_HZ} Hz"
-            ),
-            format!(
-                "{:>5} {:>9} {:>7} | {:>9} {:>9} {:>9} | {:>9} {:>9} {:>9} | {:>11} {:>11}",
-                "ω",
-                "observer",
-                "switch",
-                "exact max",
-                "rms",
-                "noise, A",
-                "wrong max",
-                "rms",
-                "worst, %",
-                "rigid",
-                "flexible"
-            ),
-        ];
-        lines.extend(self.choices.iter().map(|choice| {
+    pub(super) fn bandwidths(&self) -> Section {
+        let mut table = Table::new([
+            "ω, rad/s",
+            "observer, rad/s",
+            "switch, rad/s",
+            "exact: largest",
+            "exact: rms",
+            "exact: noise, A",
+            "wrong: largest",
+            "wrong: rms",
+            "wrong: worst, %",
+            "rigid",
+            "flexible",
+        ]);
+        for choice in &self.choices {
             let margin = |margins: &Margins| {
                 if margins.spectral_radius >= 1.0 {
-                    return "unstable".to_string();
+                    return Cell::from("unstable");
                 }
                 let (gain, phase_deg) = worse(margins);
-                format!("{gain:.2} / {phase_deg:.0}°")
+                Cell::from(format!("{gain:.2} / {phase_deg:.0}°"))
             };
             let (exact, wrong) = (&choice.exact, &choice.wrong);
-            format!(
-                "{:>5} {:>9} {:>7} | {:>9.2} {:>9.3} {:>9.3} | {:>9.2} {:>9.3} {:>9.2} | {:>11} {:>11}",
-                choice.settings.bandwidth_rad_s,
-                choice.settings.observer_bandwidth_rad_s,
-                choice.settings.friction_switch_motor_rad_s,
-                exact.max_counts,
-                exact.rms_counts(),
-                exact.command_noise_a(),
-                wrong.max_counts,
-                wrong.rms_counts(),
-                100.0 * wrong.worst_within,
+            table = table.row([
+                Cell::fixed(choice.settings.bandwidth_rad_s, 0),
+                Cell::fixed(choice.settings.observer_bandwidth_rad_s, 0),
+                Cell::fixed(choice.settings.friction_switch_motor_rad_s, 2),
+                Cell::fixed(exact.max_counts, 2),
+                Cell::fixed(exact.rms_counts(), 3),
+                Cell::fixed(exact.command_noise_a(), 3),
+                Cell::fixed(wrong.max_counts, 2),
+                Cell::fixed(wrong.rms_counts(), 3),
+                Cell::fixed(100.0 * wrong.worst_within, 2),
                 margin(&choice.rigid),
                 margin(&choice.flexible),
-            )
-        }));
-        lines.join("\n")
+            ]);
+        }
+        Section::new("Bandwidths")
+            .text(format!(
+                "Errors in counts with the exact model, and with f and friction up to 5 % off; gain and phase margin of the \
+                 worse joint, rigid and with a shaft of joint 3 that swings at {FLEXIBLE_HZ} Hz."
+            ))
+            .table(table)
+            .pictures(vec![
+                self.over_bandwidth("f and friction up to 5 % off", "error, counts rms", |one| one.wrong.rms_counts()),
+                self.over_bandwidth("Gain margin, rigid arm", "gain margin", |one| worse(&one.rigid).0),
+            ])
+    }
+
+    /// Something over the bandwidth, a line an observer.
+    fn over_bandwidth(&self, title: &str, axis: &str, value: fn(&Choice) -> f64) -> Picture {
+        let line = |(place, observer): (usize, f64)| {
+            let of = self.choices.iter().filter(|choice| choice.settings.observer_bandwidth_rad_s == observer);
+            // The widths of switching are compared at one pair of bandwidths only.
+            let first = self.choices.first().map(|choice| choice.settings.friction_switch_motor_rad_s);
+            let of = of.filter(|choice| Some(choice.settings.friction_switch_motor_rad_s) == first);
+            let points = of.map(|choice| (choice.settings.bandwidth_rad_s, value(choice))).collect();
+            Line::new(format!("observer {observer} rad/s"), Ink::Nth(place), points)
+        };
+        let lines = OBSERVERS_RAD_S.into_iter().enumerate().map(line).collect();
+        Picture::lines(title, ["ω, rad/s", axis], lines)
     }
 
     pub(super) fn limits_to_json(&self) -> Vec<Value> {
