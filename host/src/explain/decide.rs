@@ -27,6 +27,8 @@ const FAR: f64 = 1.5;
 const LEADERS: usize = 4;
 /// Gaps within this factor of the least are about as near.
 const AS_NEAR: f64 = 1.2;
+/// What brings this share of the most is about as much.
+const AS_MUCH: f64 = 0.2;
 /// How many such shortlists are gone through until something brings the model nearer.
 const SHORTLISTS: usize = 3;
 /// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm.
@@ -245,12 +247,12 @@ impl Case<'_> {
                 confirmed.drain(..first);
             }
             // While nothing comes near the floor, what is left is no noise, and weighing by noise means little: it decides
-            // only among those that come about as near as any.
-            let nearest = confirmed.iter().map(|(rival, _)| rival.held_out_gap).fold(f64::INFINITY, f64::min);
+            // only among those that come about as near as any that explains about as much.
+            let most = confirmed.first().map_or(0.0, |(best, _)| best.delta_bic);
+            let as_much = confirmed.iter().filter(|(rival, _)| rival.delta_bic >= AS_MUCH * most);
+            let nearest = as_much.map(|(rival, _)| rival.held_out_gap).fold(f64::INFINITY, f64::min);
             if nearest > FAR * floor {
-                confirmed.retain(|(rival, fitted)| {
-                    rival.held_out_gap <= AS_NEAR * nearest || shows_in_current(&current, fitted, rival)
-                });
+                confirmed.retain(|(rival, _)| rival.held_out_gap <= AS_NEAR * nearest);
             }
             preferred_first(&mut confirmed);
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
@@ -419,13 +421,6 @@ impl Case<'_> {
             }
         }
     }
-}
-
-/// Whether it is the measured current that mostly speaks for a rival: the amplifier does what was seen of it, however near
-/// another effect, still missing, lets the motion come.
-fn shows_in_current(without: &Fitted, with: &Fitted, rival: &Rival) -> bool {
-    let of_current = |fitted: &Fitted| fitted.residual.current.iter().map(|x| x * x).sum::<f64>();
-    of_current(without) - of_current(with) > 0.5 * rival.delta_bic
 }
 
 /// The largest of the null scores but for two: a simulated start that happens to stick far off is no measure of chance.

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::case::Kind;
 use super::interval::{Share, quantile};
-use super::score::{Group, Judged, Parameters, Score, confusion, groups, parameters, power};
+use super::score::{Group, Judged, Parameters, Power, Score, confusion, groups, parameters, power};
 use crate::report::{Cell, Content, Ink, Interval, Intervals, Picture, Section, Table};
 
 /// One method's answers.
@@ -60,7 +60,7 @@ const SIZES_COUNTS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 fn power_section(methods: &[Method<'_>]) -> Section {
     let headings = ["effect", "tier", "cases", "size, counts rms", "size, % of Coulomb friction"];
     let mut table = Table::new(headings.into_iter().chain(methods.iter().map(|method| method.name)));
-    let powers: Vec<_> = methods.iter().map(|method| power(method.judged)).collect();
+    let powers: Vec<BTreeMap<String, Power>> = methods.iter().map(|method| power(method.judged)).collect();
     // Every method was asked about the same cases.
     for (name, first) in powers.first().into_iter().flatten() {
         for (tier, share, counts, percent) in &first.tiers {
@@ -99,6 +99,29 @@ fn power_section(methods: &[Method<'_>]) -> Section {
         .pictures(vec![picture])
         .text("How many of the cases each method named or classed rightly.")
         .table(table)
+        .text("Detection limit: the median size of the weakest tier of which at least half are named or classed rightly, as all \
+               stronger ones are; – where not even the strongest is.")
+        .table(limits(methods, &powers))
+}
+
+/// The detection limit of every effect and method, in counts rms and in % of Coulomb friction.
+fn limits(methods: &[Method<'_>], powers: &[BTreeMap<String, Power>]) -> Table {
+    let of_method = |method: &Method<'_>| [format!("{}: counts rms", method.name), format!("{}: %", method.name)];
+    let headings: Vec<String> = methods.iter().flat_map(of_method).collect();
+    let mut table = Table::new(std::iter::once("effect").chain(headings.iter().map(String::as_str)));
+    for name in powers.first().into_iter().flat_map(BTreeMap::keys) {
+        let limits = powers.iter().flat_map(|of_method| {
+            let power = of_method.get(name);
+            let counts = power.and_then(|power| power.limit_counts);
+            let percent = power.and_then(|power| power.limit_percent_of_coulomb);
+            [
+                Cell::optional(counts, |counts| Cell::fixed(counts, 2)),
+                Cell::optional(percent, |percent| Cell::fixed(percent, 1)),
+            ]
+        });
+        table = table.row(std::iter::once(Cell::from(name.as_str())).chain(limits));
+    }
+    table
 }
 
 /// How many single effects were named or classed rightly, by size in counts rms on the joint where it is largest: up to the

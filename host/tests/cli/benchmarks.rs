@@ -153,6 +153,8 @@ fn effects_show_power_against_size() {
     let power = page.table("Power against size", 0);
     let told: Vec<[&str; 4]> = power.iter().map(|row| [1, 3, 5, 6].map(|column| row[column].as_str())).collect();
     assert_eq!(told, [["tier-0", "3", "1", "0"], ["tier-1", "1.5", "1", "0"], ["tier-2", "0.3", "0", "0"]]);
+    let limits = &page.table("Power against size", 1)[0];
+    assert_eq!(limits[..4], ["cogging", "1.5", "10", "–"]);
     assert_eq!(page.legends("Power against size"), ["explain", "best single regression", "discrepancy SINDy"]);
     assert!(page.text().contains("explain: 67 % of 3 single effects named or classed rightly, 0 % wrongly."));
     let scores = page.table("explain: scores", 0);
