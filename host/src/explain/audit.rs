@@ -186,7 +186,7 @@ fn gain(
 /// fast, however small the command: such samples are far from what the others have in common, and are left out.
 fn most_agree(mut rows: Vec<([f64; 4], f64)>) -> DVector<f64> {
     /// How often what is far off is left out, and what is: so many times the deviation that the median stands for.
-    const ROUNDS: usize = 6;
+    const ROUNDS: usize = 10;
     const FAR_OFF: f64 = 2.5;
     const DEVIATION_PER_MEDIAN: f64 = 1.4826;
     let fit = |rows: &[([f64; 4], f64)]| {
@@ -295,7 +295,7 @@ mod tests {
     /// A voltage at its end leaves little current where the joint is fast, whatever was asked for.
     #[test]
     fn a_voltage_that_ends_early_is_no_wrong_gain() {
-        let limit_a = |along: f64| (10.0 - 9.0 * along).clamp(1.5, 12.0);
+        let limit_a = |along: f64| (14.0 - 9.0 * along).clamp(1.5, 12.0);
         assert_eq!(audited(limit_a, 1.0), Ok(()));
         assert!(matches!(audited(limit_a, 0.9), Err(AuditError::WrongGain { .. })));
     }

@@ -152,20 +152,6 @@ fn two_hidden_effects_are_both_named() {
     assert!(explanation.gap.after < 1.05 * explanation.gap.floor, "{:?}", explanation.gap);
 }
 
-/// Beside a torque constant that is off nobody sees at first when something pushed: the instants are found anew with it.
-#[test]
-fn a_contact_beside_another_effect_is_found_where_it_was() {
-    let explanation = explained(&[("torque-constant", 1, &[-0.04]), ("external-contact", 1, &[-2.6, 0.45, 2.2])]);
-    assert_eq!(explanation.verdict, Verdict::Named, "{:?}", explanation.sentences);
-    let mut found: Vec<&str> = explanation.effects.iter().map(|effect| effect.name).collect();
-    found.sort_unstable();
-    assert_eq!(found, ["external-contact", "torque-constant"]);
-    let contact = explanation.effects.iter().find(|effect| effect.name == "external-contact").expect("the contact");
-    for instant in ["start_s_1", "start_s_2"] {
-        assert!((contact.parameters[instant].value - 2.2).abs() < 0.01, "{:?}", contact.parameters);
-    }
-}
-
 /// A gear transmits what the motor's inertia does not take, and how much that is nobody knows beforehand: a share that is
 /// wrong left what a spring or a gap took.
 #[test]
