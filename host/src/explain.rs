@@ -21,6 +21,7 @@ mod fit;
 mod held_out;
 mod hypothesis;
 mod instance;
+mod instants;
 mod kept_thresholds;
 mod library;
 mod linear;

@@ -50,6 +50,10 @@ const NEARLY_CLOSED: f64 = 1.25;
 const MORE: f64 = 0.01;
 /// The same where noise alone leaves as much as is left: then it has to be no small fault of what was found.
 const MORE_THAN_NOISE: f64 = 0.1;
+/// What narrows the gap on recordings kept back by this share is worth it whatever the ones before brought; and where little
+/// but rounding is left, nothing is that does not narrow it by the lesser one.
+const PLAINLY_NARROWER: f64 = 0.05;
+const NARROWER: f64 = 0.015;
 /// Where a gap on recordings kept back is within this factor of what noise leaves of them, it is noise.
 const AS_NOISE: f64 = 1.05;
 /// How often noise and model are found anew from each other after an effect is taken.
@@ -256,7 +260,7 @@ impl Case<'_> {
             }
             preferred_first(&mut confirmed);
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
-            if settled && best.delta_bic < self.least_more(&current.hypothesis, &accepted, [gap, floor], &noise) {
+            if settled && !self.is_worth_it(&best, &current.hypothesis, &accepted, [gap, floor], &noise) {
                 break;
             }
             let class = class(&confirmed);
@@ -352,17 +356,26 @@ impl Case<'_> {
         kept >= if by_motion { PROVEN.min(KEPT * gained * check.length() / self.train.length()) } else { -PROVEN }
     }
 
-    /// What one effect more has to bring beside those `accepted`, which leave this gap over this floor of what was fitted.
-    fn least_more(&self, left: &Hypothesis, accepted: &[Accepted], [gap, floor]: [f64; 2], noise: &Noise) -> f64 {
-        let kept_back = self.judging_gap(left) / self.kept_back_floor(left, noise).max(floor);
-        let share = if gap <= floor && kept_back <= AS_NOISE {
-            MORE_THAN_NOISE
-        } else if gap <= NEARLY_CLOSED * floor && kept_back <= NEARLY_CLOSED {
-            MORE
-        } else {
-            0.0
-        };
-        share * accepted.iter().map(|accepted| accepted.delta_bic).sum::<f64>()
+    /// Whether one effect more brings enough beside those `accepted`, which leave this gap over this floor of what was fitted.
+    fn is_worth_it(
+        &self,
+        more: &Rival,
+        left: &Hypothesis,
+        accepted: &[Accepted],
+        [gap, floor]: [f64; 2],
+        noise: &Noise,
+    ) -> bool {
+        let reached = self.judging_gap(left);
+        let kept_back = reached / self.kept_back_floor(left, noise).max(floor);
+        let nearly_closed = gap <= NEARLY_CLOSED * floor && kept_back <= NEARLY_CLOSED;
+        if !nearly_closed || more.held_out_gap <= (1.0 - PLAINLY_NARROWER) * reached {
+            return true;
+        }
+        let noise_left = gap <= floor && kept_back <= AS_NOISE;
+        let share = if noise_left { MORE_THAN_NOISE } else { MORE };
+        let rounding = self.train.floor(&noise.map(|joint| noise::JointNoise::white(joint.white_counts2)));
+        let shows = more.held_out_gap <= (1.0 - NARROWER) * reached || reached > CLOSED * rounding;
+        shows && more.delta_bic >= share * accepted.iter().map(|accepted| accepted.delta_bic).sum::<f64>()
     }
 
     /// What noise alone may leave of the recordings kept back, in counts rms; 0 without any.
@@ -392,7 +405,8 @@ impl Case<'_> {
         })
     }
 
-    /// Drops accepted effects that the later ones have made superfluous.
+    /// Drops accepted effects that others have made superfluous: later ones, or those before the last, which its refit may have led to
+    /// where they explain everything.
     fn take_back(
         &self,
         current: &mut Fitted,
@@ -403,7 +417,7 @@ impl Case<'_> {
     ) {
         while accepted.len() > 1 {
             let mut weakest: Option<(f64, usize, Fitted)> = None;
-            for index in 0..accepted.len() - 1 {
+            for index in 0..accepted.len() {
                 let mut without = current.hypothesis.clone();
                 without.named.remove(known + index);
                 let Some(fitted) = self.train.refit(&without, weights, &[], Free::All, 3) else { continue };

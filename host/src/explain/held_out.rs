@@ -4,9 +4,9 @@
 use super::engine::{Engine, Free};
 use super::hypothesis::{Baseline, Hypothesis};
 use super::instance::Instance;
-use super::library::{Role, Search};
+use super::instants::instants;
+use super::library::Search;
 use super::noise::{self, JointNoise, Noise};
-use super::scan;
 use super::verdict::MOST_TORQUE_NOISE;
 use crate::identify::Columns;
 
@@ -35,7 +35,8 @@ pub fn adapted(engine: &Engine, hypothesis: &Hypothesis, weights: &[f64]) -> Hyp
             Search::Instant => {
                 let innovations = engine.innovations(&current);
                 let Some(fitted) = engine.refit(&current, weights, &[], Free::OfRecords, 0) else { continue };
-                scan::instants(&engine.stage(&fitted, &innovations), instance.kind, instance.joint, weights)
+                let stage = engine.stage(&fitted, &innovations);
+                instants(&stage, instance.kind, instance.joint, weights, Some(instance))
                     .into_iter()
                     .map(|found| Instance { common: instance.common.clone(), ..found })
                     .collect()
@@ -47,29 +48,15 @@ pub fn adapted(engine: &Engine, hypothesis: &Hypothesis, weights: &[f64]) -> Hyp
                 })
                 .collect(),
         };
-        if matches!(instance.kind.search, Search::Wave(_)) {
-            // The best phase of each recording by itself.
-            let candidates: Vec<_> = starts
-                .iter()
-                .filter_map(|start| current.with(start.clone()).candidate(engine.baseline, engine.setting.experiment))
-                .collect();
-            let residuals = engine.setting.residuals(&candidates);
-            let of = |record: usize, index: usize| -> f64 {
-                let series = engine.setting.rows.series.iter().filter(|series| series.segment == record);
-                let rows = series.flat_map(|series| series.rows.clone());
-                rows.map(|row| (residuals[index].motion[row] * weights[row]).powi(2)).sum()
-            };
-            if residuals.len() == starts.len() {
-                let mut best = starts[0].clone();
-                for (record, values) in best.records.iter_mut().enumerate() {
-                    let index = (0..starts.len()).min_by(|&a, &b| of(record, a).total_cmp(&of(record, b))).unwrap_or(0);
-                    for (value, parameter) in values.iter_mut().zip(&starts[index].records[record]) {
-                        *value = *parameter;
-                    }
-                }
-                debug_assert!(instance.kind.parameters.iter().any(|parameter| parameter.role == Role::Phase));
-                starts = vec![best];
+        // The best phase, or instant near the one it suggests, of each recording by itself.
+        let alone = match instance.kind.search {
+            Search::Instant => {
+                starts.iter().filter_map(|start| best_of_moved(engine, &current, start, weights)).collect()
             }
+            _ => Vec::from_iter(best_of_each_record(engine, &current, &starts, weights)),
+        };
+        if !alone.is_empty() {
+            starts = alone.into_iter().map(|(_, instance)| instance).collect();
         }
         let fits =
             starts.into_iter().filter_map(|start| engine.refit(&current.with(start), weights, &[], Free::OfRecords, 5));
@@ -78,6 +65,53 @@ pub fn adapted(engine: &Engine, hypothesis: &Hypothesis, weights: &[f64]) -> Hyp
         }
     }
     current
+}
+
+/// What differs from recording to recording of these `alternatives`, of each the one that leaves least of it beside `others`,
+/// with the χ² that is left; none where one of them cannot be.
+pub fn best_of_each_record(
+    engine: &Engine,
+    others: &Hypothesis,
+    alternatives: &[Instance],
+    weights: &[f64],
+) -> Option<(f64, Instance)> {
+    let with =
+        |instance: &Instance| others.with(instance.clone()).candidate(engine.baseline, engine.setting.experiment);
+    let candidates: Vec<_> = alternatives.iter().map(with).collect::<Option<_>>()?;
+    let residuals = engine.setting.residuals(&candidates);
+    let of = |record: usize, index: usize| -> f64 {
+        let series = engine.setting.rows.series.iter().filter(|series| series.segment == record);
+        let rows = series.flat_map(|series| series.rows.clone());
+        rows.map(|row| (residuals[index].motion[row] * weights[row]).powi(2)).sum()
+    };
+    let mut best = alternatives.first()?.clone();
+    let mut cost = 0.0;
+    for (record, values) in best.records.iter_mut().enumerate() {
+        let each = (0..alternatives.len()).map(|index| (of(record, index), index));
+        let (least, index) = each.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        cost += least;
+        values.clone_from(&alternatives[index].records[record]);
+    }
+    cost.is_finite().then_some((cost, best))
+}
+
+/// How far a contact is moved to either side, in s, and in how many steps: friction that turns round under it hides its edge
+/// from what is linear.
+const MOVED_S: f64 = 0.24;
+const MOVES: i32 = 12;
+
+/// A contact with its starts moved to where each recording by itself leaves least; whatever else has instants stays as it is,
+/// because a count that is lost is found to the sample.
+pub fn best_of_moved(
+    engine: &Engine,
+    others: &Hypothesis,
+    contact: &Instance,
+    weights: &[f64],
+) -> Option<(f64, Instance)> {
+    let moves = if contact.kind.name == "external-contact" { MOVES } else { 0 };
+    let step_s = MOVED_S / f64::from(MOVES);
+    let moved = (-moves..=moves).map(|step| contact.with_own(|start_s| (start_s + f64::from(step) * step_s).max(0.0)));
+    best_of_each_record(engine, others, &moved.collect::<Vec<_>>(), weights)
 }
 
 /// The effects a baseline came with, their phases and instants found in the recordings to fit; none if there is nothing

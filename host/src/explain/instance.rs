@@ -73,6 +73,13 @@ impl Instance {
         new
     }
 
+    /// This with a new value for each that a recording has for itself.
+    pub fn with_own(&self, new: impl Fn(f64) -> f64) -> Self {
+        let mut with = self.clone();
+        with.records.iter_mut().flatten().for_each(|value| *value = new(*value));
+        with
+    }
+
     /// This with a wave's amplitude above 0: below, it is the same wave half a turn on.
     pub fn upright(&self) -> Self {
         let mut new = self.clone();

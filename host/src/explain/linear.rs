@@ -44,6 +44,22 @@ pub struct Base<'a> {
     total: f64,
 }
 
+/// The base's directions with a unit of χ² along each: what they take of anything is a plain product.
+pub struct Whitened {
+    factor: DMatrix<f64>,
+    scale: DVector<f64>,
+    /// What χ² would fall by along each for the residual, as a root.
+    pub right: DVector<f64>,
+}
+
+impl Whitened {
+    /// Of products with the base's columns, those with its directions.
+    pub fn of(&self, products: &DVector<f64>) -> DVector<f64> {
+        let scaled = products.component_div(&self.scale);
+        self.factor.solve_lower_triangular(&scaled).unwrap_or_else(|| DVector::zeros(products.len()))
+    }
+}
+
 /// A fit of some columns beside the base.
 #[derive(Clone, Debug)]
 pub struct Fit {
@@ -84,6 +100,15 @@ impl<'a> Base<'a> {
             total += precision * offsets[i] * offsets[i];
         }
         Self { columns, weights, residual, normal, right, total }
+    }
+
+    /// The base's own directions; none where its columns cannot be told from each other.
+    pub fn whitened(&self) -> Option<Whitened> {
+        let (scaled, scale) = scaled(&self.normal);
+        let factor = scaled.cholesky()?.l();
+        let mut whitened = Whitened { factor, scale, right: DVector::zeros(0) };
+        whitened.right = whitened.of(&self.right);
+        Some(whitened)
     }
 
     /// χ² without any further column.
@@ -132,22 +157,50 @@ impl<'a> Base<'a> {
 
 /// Solves a symmetric system of wildly different scales; directions that nothing determines stay at 0.
 pub fn solve(normal: &DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
-    let count = right.len();
-    let scale: Vec<f64> = (0..count).map(|i| normal[(i, i)].max(f64::MIN_POSITIVE).sqrt()).collect();
-    let scaled = DMatrix::from_fn(count, count, |i, j| {
-        normal[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-11 } else { 0.0 }
-    });
-    let right = DVector::from_fn(count, |i, _| right[i] / scale[i]);
+    let (scaled, scale) = scaled(normal);
+    let right = right.component_div(&scale);
     let solution = match scaled.clone().cholesky() {
         Some(factor) => factor.solve(&right),
         None => {
             let eigen = scaled.symmetric_eigen();
             let projected = eigen.eigenvectors.transpose() * right;
-            let divided = DVector::from_fn(count, |i, _| {
+            let divided = DVector::from_fn(scale.len(), |i, _| {
                 if eigen.eigenvalues[i] > 1e-10 { projected[i] / eigen.eigenvalues[i] } else { 0.0 }
             });
             eigen.eigenvectors * divided
         }
     };
-    DVector::from_fn(count, |i, _| solution[i] / scale[i])
+    solution.component_div(&scale)
+}
+
+/// A symmetric system with a diagonal of about 1, and the roots of the diagonal it had.
+fn scaled(normal: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
+    let scale = normal.diagonal().map(|x| x.max(f64::MIN_POSITIVE).sqrt());
+    let scaled = DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| {
+        normal[(i, j)] / (scale[i] * scale[j]) + if i == j { 1e-11 } else { 0.0 }
+    });
+    (scaled, scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a further column gains is the same from products alone as from the whole fit.
+    #[test]
+    fn whitened_products_tell_what_a_column_gains() {
+        let wave =
+            |step: f64| Column { motion: (0..60).map(|k| (step * f64::from(k)).sin()).collect(), ..Column::default() };
+        let columns = [wave(0.1), wave(0.13), wave(0.9)];
+        let (residual, further) = (wave(0.21), wave(0.17));
+        let weights: Vec<f64> = (0..60).map(|k| 1.0 + 0.02 * f64::from(k)).collect();
+        let base = Base::new(&columns, &residual, &weights, &[0.0, 2.0, 0.5], &[0.0, 0.1, -0.3]);
+        let whitened = base.whitened().expect("columns that differ");
+        let products = DVector::from_iterator(3, columns.iter().map(|column| column.inner(&further, &weights)));
+        let taken = whitened.of(&products);
+        let common = further.inner(&residual, &weights) - taken.dot(&whitened.right);
+        let gain = common * common / (further.inner(&further, &weights) - taken.norm_squared());
+        let by_fit = base.alone().cost - base.with(&[&further]).cost;
+        assert!((gain - by_fit).abs() < 1e-6 * by_fit, "{gain} {by_fit}");
+    }
 }

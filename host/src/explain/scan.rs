@@ -1,8 +1,7 @@
-//! Where to begin: orders, limits and instants that the residual itself suggests.
+//! Where to begin: orders, limits and scales that the recordings themselves suggest.
 
 use rayon::prelude::*;
 
-use super::instance::Instance;
 use super::library::Kind;
 use super::screen::Stage;
 use crate::robot::Unit;
@@ -141,111 +140,6 @@ pub fn limit(stage: &Stage, kind: &Kind, joint: usize, share: f64) -> Vec<f64> {
         }
     }
     if kind.name == "voltage-saturation" { vec![share * largest, WINDING_OHM] } else { vec![share * largest] }
-}
-
-/// The instants in every recording where the residual suggests a slip or a contact, for either sign.
-pub fn instants(stage: &Stage, kind: &'static Kind, joint: usize, weights: &[f64]) -> Vec<Instance> {
-    match kind.name {
-        "count-loss" => slips(stage, kind, joint, weights),
-        _ => contacts(stage, kind, joint),
-    }
-}
-
-/// No slip is looked for so near to the end of a recording, in s: little of it would show.
-const SHOWN_S: f64 = 0.1;
-
-/// Where a step of the measured position, followed by what the state correction makes of it, resembles the residual most:
-/// a matched filter under the weights. A jump alone does not tell, because a slow encoder jumps at every edge.
-fn slips(stage: &Stage, kind: &'static Kind, joint: usize, weights: &[f64]) -> Vec<Instance> {
-    let rows = stage.setting.rows;
-    let period_s = stage.setting.experiment.robot.record_period_s;
-    // For every recording, what a step from each sample on has in common with the residual.
-    let common: Vec<Vec<f64>> = rows
-        .series
-        .iter()
-        .filter(|series| series.joint == joint)
-        .map(|series| {
-            let place = series.rows.clone();
-            let weighed = rows.weighed_back(series, &stage.residual.motion[place.clone()], &weights[place]);
-            let mut from = stage.response.back_to_position(&weighed);
-            let mut sum = 0.0;
-            for x in from.iter_mut().rev() {
-                sum += *x;
-                *x = sum;
-            }
-            from.truncate(from.len().saturating_sub((SHOWN_S / period_s) as usize));
-            from.drain(..series.samples.start.min(from.len()));
-            from
-        })
-        .collect();
-    let begins = rows.series.iter().filter(|series| series.joint == joint).map(|series| series.samples.start);
-    let begins: Vec<usize> = begins.collect();
-    [1.0, -1.0]
-        .into_iter()
-        .map(|sign| {
-            let instant = |(common, begin): (&Vec<f64>, &usize)| {
-                let best = (0..common.len()).max_by(|&a, &b| (sign * common[a]).total_cmp(&(sign * common[b])));
-                vec![(begin + best.unwrap_or(0)) as f64 * period_s - 0.5 * period_s]
-            };
-            let records = common.iter().zip(&begins).map(instant).collect();
-            Instance { kind, joint, common: vec![Some(sign), None], records }
-        })
-        .collect()
-}
-
-/// Durations that are tried, in s.
-const DURATIONS_S: [f64; 8] = [0.08, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4];
-
-fn contacts(stage: &Stage, kind: &'static Kind, joint: usize) -> Vec<Instance> {
-    let experiment = stage.setting.experiment;
-    let period_s = experiment.robot.record_period_s;
-    let arm = stage.baseline.values.with(&stage.baseline.free, &stage.hypothesis.base).arm(experiment.robot);
-    let torque = super::trace::residual_torque(experiment, stage.traces, &arm, stage.innovations);
-    // Running sums of the residual torque of every record.
-    let sums: Vec<Vec<f64>> = torque
-        .iter()
-        .zip(&experiment.segments)
-        .map(|(columns, segment)| {
-            let settled = experiment.settled(segment);
-            let mean = columns[joint][settled.clone()].iter().sum::<f64>() / settled.len() as f64;
-            let mut sum = 0.0;
-            columns[joint]
-                .iter()
-                .enumerate()
-                .map(|(k, x)| {
-                    sum += if k < settled.start { 0.0 } else { x - mean };
-                    sum
-                })
-                .collect()
-        })
-        .collect();
-    let ratio = experiment.robot.joints[joint].gear_ratio;
-    let mut found = Vec::new();
-    for sign in [1.0, -1.0] {
-        let mut each: Vec<(f64, Instance)> = DURATIONS_S
-            .iter()
-            .filter_map(|&duration_s| {
-                let length = (duration_s / period_s) as usize;
-                let mut strength = 0.0;
-                let mut records = Vec::new();
-                for sum in &sums {
-                    if sum.len() <= length + 2 {
-                        return None;
-                    }
-                    let of = |k: usize| sign * (sum[k + length] - sum[k]) / (length as f64).sqrt();
-                    let best = (0..sum.len() - length).max_by(|&a, &b| of(a).total_cmp(&of(b)))?;
-                    strength += of(best).max(0.0).powi(2);
-                    records.push(vec![best as f64 * period_s]);
-                }
-                let size = sign * ratio.abs();
-                let instance = Instance { kind, joint, common: vec![Some(size), Some(duration_s), None], records };
-                Some((strength, instance))
-            })
-            .collect();
-        each.sort_by(|a, b| b.0.total_cmp(&a.0));
-        found.extend(each.into_iter().take(2).map(|(_, instance)| instance));
-    }
-    found
 }
 
 /// How the shape values of the library, made for the reference robot, are scaled for a joint: speeds by its fastest

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::fit::Setting;
 use super::hypothesis::{Baseline, Hypothesis};
 use super::instance::Instance;
+use super::instants::instants;
 use super::library::{Kind, LIBRARY, MOTOR_INERTIA, Parameter, Role, Search};
 use super::linear::{Base, Column, Fit};
 use super::noise::{self, Noise};
@@ -254,7 +255,7 @@ fn plan(stage: &Stage, weights: &[f64]) -> Vec<Planned> {
                     }
                 }
                 Search::Instant => {
-                    for mut instance in scan::instants(stage, kind, joint, weights) {
+                    for mut instance in instants(stage, kind, joint, weights, None) {
                         let step = kind.parameters[0].step * 3.0;
                         instance.common[0] = Some(step);
                         add(Form::Sized(instance.clone()), vec![(instance, step)], false);

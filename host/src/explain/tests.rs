@@ -83,6 +83,25 @@ fn a_single_lost_count_is_found() {
     assert!((finding.parameters["instant_s_1"].value - 1.3).abs() < 2e-3, "{:?}", finding.parameters);
 }
 
+/// While the torque constant is wrong, a push is found where that shows most, and each instant holds the others where they are.
+#[test]
+fn a_contact_is_found_beside_another_effect() {
+    let effects: [(&str, usize, &[f64]); 2] =
+        [("torque-constant", 1, &[-0.04]), ("external-contact", 1, &[-2.6, 0.45, 2.2])];
+    let explanation = explained(&effects);
+    let mut found: Vec<_> = explanation.effects.iter().map(|effect| (effect.name, effect.joint.as_str())).collect();
+    found.sort_unstable();
+    assert_eq!(explanation.verdict, Verdict::Named, "{:?}", explanation.sentences);
+    assert_eq!(found, [("external-contact", "3"), ("torque-constant", "3")], "{:?}", explanation.sentences);
+    let contact = explanation.effects.iter().find(|effect| effect.name == "external-contact").expect("a contact");
+    let value = |name: &str| contact.parameters[name].value;
+    assert!((value("torque_nm") / -2.6 - 1.0).abs() < 0.05, "{:?}", contact.parameters);
+    assert!((value("duration_s") - 0.45).abs() < 0.01, "{:?}", contact.parameters);
+    for start in ["start_s_1", "start_s_2"] {
+        assert!((value(start) - 2.2).abs() < 0.01, "{:?}", contact.parameters);
+    }
+}
+
 /// Crosstalk adds torque, as another torque constant does; a spring with slack is a spring.
 #[test]
 fn what_only_resembles_an_effect_is_not_given_its_name() {
