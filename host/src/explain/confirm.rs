@@ -54,7 +54,13 @@ impl Case<'_> {
         }
         let best_first = |a: &(Rival, Fitted), b: &(Rival, Fitted)| b.0.delta_bic.total_cmp(&a.0.delta_bic);
         confirmed.sort_by(best_first);
-        for (leader, begun) in confirmed.iter_mut().take(leaders) {
+        // What happens at instants of its own imitates much, and takes no other's place.
+        let mut before = 0;
+        for (leader, begun) in &mut confirmed {
+            if before == leaders {
+                break;
+            }
+            before += usize::from(!leader.instance.has_instants());
             if let Some(ended) = self.to_the_end(begun, weights)
                 && let Some(better) = rival(&ended)
                 && better.delta_bic > leader.delta_bic

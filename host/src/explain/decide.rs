@@ -28,7 +28,7 @@ const LEADERS: usize = 4;
 /// Gaps within this factor of the least are about as near.
 const AS_NEAR: f64 = 1.2;
 /// What brings this share of the most is about as much.
-const AS_MUCH: f64 = 0.2;
+const AS_MUCH: f64 = 0.5;
 /// How many such shortlists are gone through until something brings the model nearer.
 const SHORTLISTS: usize = 3;
 /// By what factor an effect may widen the gap on the recordings it is judged by: chance, not harm.
@@ -405,8 +405,8 @@ impl Case<'_> {
         })
     }
 
-    /// Drops accepted effects that others have made superfluous: later ones, or those before the last, which its refit may have led to
-    /// where they explain everything.
+    /// Drops accepted effects that the later ones have made superfluous; where there are instants, the last one too: its refit
+    /// found them anew, and what it seemed to bring may be theirs.
     fn take_back(
         &self,
         current: &mut Fitted,
@@ -417,7 +417,8 @@ impl Case<'_> {
     ) {
         while accepted.len() > 1 {
             let mut weakest: Option<(f64, usize, Fitted)> = None;
-            for index in 0..accepted.len() {
+            let anew = current.hypothesis.named[known..].iter().any(Instance::has_instants);
+            for index in 0..accepted.len() - usize::from(!anew) {
                 let mut without = current.hypothesis.clone();
                 without.named.remove(known + index);
                 let Some(fitted) = self.train.refit(&without, weights, &[], Free::All, 3) else { continue };

@@ -145,15 +145,17 @@ impl Case<'_> {
         for (index, effect) in named.hypothesis.named.iter().enumerate().skip(known) {
             let alike = LOOK_ALIKES.iter().filter(|alike| alike.mistaken_for.contains(&effect.kind.name));
             for alike in alike.filter(|alike| two_links || alike.kind.name == "current-slew") {
-                // In the place of this effect, and of all.
+                // In the place of this effect, and of all; and on either joint, where the one's torque constant is much the
+                // same as the other's.
                 let mut beside = named.hypothesis.clone();
                 beside.named.remove(index);
                 let mut alone = named.hypothesis.clone();
                 alone.named.truncate(known);
                 let places = if beside.named.len() > known { vec![beside, alone] } else { vec![alone] };
-                for place in places {
+                let joints = if effect.kind.name == "torque-constant" { 0..2 } else { effect.joint..effect.joint + 1 };
+                for (place, joint) in places.iter().flat_map(|place| joints.clone().map(move |joint| (place, joint))) {
                     let starts = (alike.starts)(train, effect);
-                    let Some(fitted) = self.best_start(&place, &alike.kind, effect.joint, &starts, &weights) else {
+                    let Some(fitted) = self.best_start(place, &alike.kind, joint, &starts, &weights) else {
                         continue;
                     };
                     let delta_bic = paid - fitted.cost - price(&fitted);
