@@ -13,6 +13,7 @@
 mod agreement;
 mod audit;
 mod confirm;
+mod contacts;
 mod curves;
 mod decide;
 mod engine;
