@@ -11,11 +11,14 @@ use super::library::{self, ANY, Kind, Parameter, Place, Search, size};
 use super::trace::Trace;
 use super::verdict::{Decision, Verdict};
 
-/// By how much χ², less what parameters cost, a stranger has to do better than the effects it takes the place of.
-const BETTER: f64 = 12.0;
+/// By how much χ², less what parameters cost, a stranger has to do better than the effects it takes the place of:
+/// odds of seven to one.
+const BETTER: f64 = 4.0;
 
-/// A gap beside a spring that brings this share of what the spring brought says that it stiffens as it is wound: a linear
-/// one leaves a gap nothing to explain.
+/// A gap beside a spring that brings this much, and this share of what the spring brought, says that it stiffens as it is
+/// wound: a linear one leaves a gap nothing to explain.
+const STIFFENS_BY: f64 = 12.0;
+/// See [`STIFFENS_BY`].
 const STIFFENS: f64 = 0.1;
 /// Gaps in rad that are tried beside a spring.
 const GAPS_RAD: [f64; 4] = [3e-5, 1e-4, 3e-4, 1e-3];
@@ -195,7 +198,7 @@ impl Case<'_> {
                 continue;
             };
             let delta_bic = named.cost - fitted.cost - per_parameter;
-            if delta_bic > BETTER.max(STIFFENS * brought) {
+            if delta_bic > STIFFENS_BY.max(STIFFENS * brought) {
                 let instance = fitted.hypothesis.named.last()?.clone();
                 let phrase = "a spring that stiffens as it is wound, almost a gap";
                 return Some(Stranger { phrase, instance, instead_of: spring.kind.name, delta_bic });
