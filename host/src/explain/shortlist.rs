@@ -18,6 +18,9 @@ const STARTS: usize = 3;
 const SAME_BIC: f64 = 6.0;
 /// See [`SAME_BIC`].
 pub const SAME_GAP: f64 = 0.03;
+/// A candidate that is behind by this share of the best's ΔBIC at most comes first if it narrows the gap by that share more.
+const NEARLY: f64 = 0.05;
+const MUCH_NARROWER: f64 = 0.15;
 /// Members of a class at most.
 const CLASS: usize = 3;
 
@@ -91,13 +94,18 @@ fn correlation(a: &[f64], b: &[f64], weights: &[f64]) -> f64 {
     inner(a, b, weights) / (inner(a, a, weights) * inner(b, b, weights)).sqrt().max(f64::MIN_POSITIVE)
 }
 
-/// Of the candidates that fit as well as the best, puts the one first that foretells best what was kept back.
+/// Of the candidates that fit as well as the best, or nearly, puts the one first that foretells best what was kept back.
 pub fn preferred_first(confirmed: &mut [(Rival, Fitted)]) {
     let Some((best, _)) = confirmed.first() else { return };
-    let as_good = confirmed.iter().take_while(|(rival, _)| best.delta_bic - rival.delta_bic <= SAME_BIC).count();
     let gap = |index: usize| confirmed[index].0.held_out_gap;
-    let preferred =
-        (1..as_good).fold(0, |first, other| if gap(other) < (1.0 - SAME_GAP) * gap(first) { other } else { first });
+    let better = |first: usize, other: usize| {
+        let behind = best.delta_bic - confirmed[other].0.delta_bic;
+        let narrower = if behind <= SAME_BIC { SAME_GAP } else { MUCH_NARROWER };
+        gap(other) < (1.0 - narrower) * gap(first)
+    };
+    let nearly = SAME_BIC.max(NEARLY * best.delta_bic);
+    let as_good = confirmed.iter().take_while(|(rival, _)| best.delta_bic - rival.delta_bic <= nearly).count();
+    let preferred = (1..as_good).fold(0, |first, other| if better(first, other) { other } else { first });
     confirmed[..=preferred].rotate_right(1);
 }
 
