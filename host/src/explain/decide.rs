@@ -234,7 +234,9 @@ impl Case<'_> {
             confirmed.retain(|(rival, fitted)| {
                 // Where none does, noise may leave as much of what was kept back, and says nothing against any.
                 let may_be = !any && rival.delta_bic >= threshold && rival.held_out_gap <= noise_gap;
-                (may_be || leads_on(rival, fitted)) && !self.is_first_play(rival, &accepted)
+                (may_be || leads_on(rival, fitted))
+                    && !self.is_first_play(rival, &accepted)
+                    && !teeth::is_their_fault(rival, &accepted)
             });
             if round > 0 && gap <= FAR * floor && !confirmed.is_empty() {
                 // Far from the floor there are others still to be found, and only all of them together narrow it.

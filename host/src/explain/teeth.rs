@@ -9,6 +9,8 @@ const GAP: &str = "backlash";
 const SPRING: &str = "joint-flexibility";
 /// By what factor one of the two has to narrow the gap to the measurement that the other leaves.
 const NARROWS: f64 = 0.95;
+/// Fewer lost counts than this are no slip of an encoder where teeth play.
+const FEW_COUNTS: f64 = 3.0;
 
 /// By what factor a rival beside `accepted` effects has to narrow the gap that they leave; none where it is not the other
 /// half of one of them.
@@ -17,6 +19,14 @@ pub fn has_to_narrow(rival: &Rival, accepted: &[Accepted]) -> Option<f64> {
     let instance = &rival.instance;
     let beside = accepted.iter().any(|other| of_shaft(other.name) && other.joint == instance.joint);
     (of_shaft(instance.kind.name) && beside).then_some(NARROWS)
+}
+
+/// Whether a rival beside `accepted` effects is a count or two that seem to be lost by a joint whose teeth play or give: teeth
+/// that are a little different leave that much.
+pub fn is_their_fault(rival: &Rival, accepted: &[Accepted]) -> bool {
+    let instance = &rival.instance;
+    let beside = accepted.iter().any(|other| matches!(other.name, GAP | SPRING) && other.joint == instance.joint);
+    instance.kind.name == "count-loss" && beside && instance.common[0].is_some_and(|counts| counts.abs() < FEW_COUNTS)
 }
 
 /// How many effects `accepted` are, gap and spring of one joint taken for one.
@@ -71,6 +81,21 @@ mod tests {
             delta_bic: 10.0,
         };
         (finding, Instance::new(kind(name).expect("an effect"), joint, &[1.0], 1))
+    }
+
+    #[test]
+    fn a_count_or_two_beside_teeth_are_theirs() {
+        let gap = Accepted { name: GAP, joint: 1, class: Vec::new(), delta_bic: 500.0 };
+        let slip = |joint: usize, counts: f64| Rival {
+            instance: Instance::new(kind("count-loss").expect("an effect"), joint, &[counts, 1.0], 2),
+            delta_bic: 80.0,
+            held_out_gap: 0.4,
+        };
+        assert!(is_their_fault(&slip(1, -2.0), std::slice::from_ref(&gap)));
+        // A slip of an encoder is more than that, or of the other joint, or beside no teeth.
+        assert!(!is_their_fault(&slip(1, -14.0), std::slice::from_ref(&gap)));
+        assert!(!is_their_fault(&slip(0, -2.0), std::slice::from_ref(&gap)));
+        assert!(!is_their_fault(&slip(1, -2.0), &[]));
     }
 
     #[test]
