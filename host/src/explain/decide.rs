@@ -12,7 +12,9 @@ use super::screen::{self, Scored};
 use super::shortlist::{SAME_GAP, class, preferred_first, shortlist};
 use super::teeth;
 use super::threshold::kept_null_scores;
-use super::verdict::{CLOSED, Decision, KEPT, MOST_NAMED, PROVEN, Rounds, Verdict, priors_complain};
+use super::verdict::{
+    CLOSED, Decision, FORETELLS, FORETOLD_IN_PART, KEPT, MOST_NAMED, PROVEN, Rounds, Verdict, priors_complain,
+};
 use crate::identify::Columns;
 
 /// Effects that are looked for at most.
@@ -186,7 +188,7 @@ impl Case<'_> {
                 let reached = self.judging_gap(&current.hypothesis).min(self.judging_gap(&start));
                 // Near the floor the gap hardly tells; far from it an effect that does not narrow it explains nothing.
                 most_gap = reached * if gap > FAR * floor { 1.0 - SAME_GAP } else { WORSE };
-                noise_gap = CLOSED * self.kept_back_floor(&current.hypothesis, &noise);
+                noise_gap = CLOSED * self.kept_back_floor(&current, &noise);
             }
             // Base parameters far from what was known of them imitate another effect still to be found, which recordings
             // kept back show whatever is taken first: then what closes the gap where it was fitted counts.
@@ -194,9 +196,14 @@ impl Case<'_> {
             let closes = |fitted: &Fitted| train.gap(&train.innovations(&fitted.hypothesis)) <= CLOSED * floor;
             // Near the floor noise makes gaps wider or narrower: there it is weighed what shows in the recordings kept back.
             let near = round == 0 && gap <= FAR * floor && self.check.is_some();
+            let unfitted = if near { train.refit(&start, &weights, &[], Free::All, 0) } else { None };
             let nearer = |rival: &Rival, fitted: &Fitted| {
                 if near {
-                    rival.held_out_gap <= most_gap.max(noise_gap) && self.shows_in_kept_back(&current, fitted, &noise)
+                    // A gap that the refit widens says nothing against what explains most of the motion that it was not
+                    // fitted to, against the refit without it and the baseline alike.
+                    let no_wider = rival.held_out_gap <= most_gap.max(noise_gap);
+                    let plain = || unfitted.iter().all(|start| self.foretells(start, fitted, &noise));
+                    self.shows_in_kept_back(&current, fitted, &noise) && (no_wider || plain())
                 } else {
                     rival.held_out_gap <= most_gap
                 }
@@ -262,7 +269,7 @@ impl Case<'_> {
             }
             preferred_first(&mut confirmed);
             let Some((best, best_fitted)) = confirmed.first().cloned() else { break };
-            if settled && !self.is_worth_it(&best, &current.hypothesis, &accepted, [gap, floor], &noise) {
+            if settled && !self.is_worth_it(&best, &current, &accepted, [gap, floor], &noise) {
                 break;
             }
             let class = class(&confirmed);
@@ -343,31 +350,46 @@ impl Case<'_> {
 
     /// Whether what an effect brings in the motion that it was fitted to shows in the recordings kept back as well.
     fn shows_in_kept_back(&self, without: &Fitted, with: &Fitted, noise: &Noise) -> bool {
-        let Some(check) = &self.check else { return true };
-        let weights = self.train.weights(noise);
-        let of_motion = |fitted: &Fitted| inner(&fitted.residual.motion, &fitted.residual.motion, &weights);
-        let gained = of_motion(without) - of_motion(with);
-        let weights = check.weights(noise);
-        let of_kept_back = |fitted: &Fitted| {
-            let rows = check.setting.rows.of(&check.innovations(&adapted(check, &fitted.hypothesis, &weights)));
-            inner(&rows, &rows, &weights)
-        };
-        let kept = of_kept_back(without) - of_kept_back(with);
+        let Some([gained, kept]) = self.gains(without, with, noise) else { return true };
         // What currents or prior knowledge tell need not show in the motion, but must not spoil it.
         let by_motion = gained > 0.5 * (without.cost - with.cost);
-        kept >= if by_motion { PROVEN.min(KEPT * gained * check.length() / self.train.length()) } else { -PROVEN }
+        kept >= if by_motion { PROVEN.min(KEPT * gained * self.kept_share()) } else { -PROVEN }
+    }
+
+    /// Whether an effect explains of the recordings kept back a good part of what it does of those it was fitted to.
+    fn foretells(&self, without: &Fitted, with: &Fitted, noise: &Noise) -> bool {
+        self.gains(without, with, noise)
+            .is_some_and(|[gained, kept]| kept >= FORETELLS.max(FORETOLD_IN_PART * gained * self.kept_share()))
+    }
+
+    /// By how much χ² of the motion falls from one model to another: of what was fitted, and of what was kept back.
+    fn gains(&self, without: &Fitted, with: &Fitted, noise: &Noise) -> Option<[f64; 2]> {
+        let check = self.check.as_ref()?;
+        let weights = self.train.weights(noise);
+        let of_motion = |fitted: &Fitted| inner(&fitted.residual.motion, &fitted.residual.motion, &weights);
+        let kept_weights = check.weights(noise);
+        let of_kept_back = |fitted: &Fitted| {
+            let rows = check.setting.rows.of(&check.innovations(&adapted(check, &fitted.hypothesis, &kept_weights)));
+            inner(&rows, &rows, &kept_weights)
+        };
+        Some([of_motion(without) - of_motion(with), of_kept_back(without) - of_kept_back(with)])
+    }
+
+    /// Samples kept back over samples fitted.
+    fn kept_share(&self) -> f64 {
+        self.check.as_ref().map_or(0.0, |check| check.length() / self.train.length())
     }
 
     /// Whether one effect more brings enough beside those `accepted`, which leave this gap over this floor of what was fitted.
     fn is_worth_it(
         &self,
         more: &Rival,
-        left: &Hypothesis,
+        left: &Fitted,
         accepted: &[Accepted],
         [gap, floor]: [f64; 2],
         noise: &Noise,
     ) -> bool {
-        let reached = self.judging_gap(left);
+        let reached = self.judging_gap(&left.hypothesis);
         let kept_back = reached / self.kept_back_floor(left, noise).max(floor);
         let nearly_closed = gap <= NEARLY_CLOSED * floor && kept_back <= NEARLY_CLOSED;
         if !nearly_closed || more.held_out_gap <= (1.0 - PLAINLY_NARROWER) * reached {
@@ -380,11 +402,9 @@ impl Case<'_> {
         shows && more.delta_bic >= share * accepted.iter().map(|accepted| accepted.delta_bic).sum::<f64>()
     }
 
-    /// What noise alone may leave of the recordings kept back, in counts rms; 0 without any.
-    fn kept_back_floor(&self, hypothesis: &Hypothesis, noise: &Noise) -> f64 {
-        let Some(check) = &self.check else { return 0.0 };
-        let adapted = adapted(check, hypothesis, &check.weights(noise));
-        kept_back_floor(check, &check.innovations(&adapted), noise)
+    /// What may be left of the recordings kept back by a model that is right, in counts rms; 0 without any.
+    fn kept_back_floor(&self, fitted: &Fitted, noise: &Noise) -> f64 {
+        self.check.as_ref().map_or(0.0, |check| kept_back_floor(&self.train, fitted, noise, check))
     }
 
     /// Whether a rival is a count that seems to be lost while a joint with backlash has not yet turned round: where in the

@@ -1,5 +1,7 @@
 //! Refits of hypotheses on the recordings of an explanation, and what they leave.
 
+use nalgebra::DMatrix;
+
 use super::fit::{Refit, Setting, Solution};
 use super::hypothesis::{Baseline, Hypothesis};
 use super::instance::Instance;
@@ -10,7 +12,11 @@ use super::response::Response;
 use super::screen::Stage;
 use super::simulate::simulate;
 use super::trace::{Trace, traces};
+use super::verdict::MOST_TORQUE_NOISE;
 use crate::identify::Columns;
+
+/// Degrees of freedom that a refit takes out of the rows of each joint.
+pub const FITTED: f64 = 6.0;
 
 /// Recordings with everything that does not change while they are explained.
 pub struct Engine<'a> {
@@ -107,8 +113,8 @@ impl<'a> Engine<'a> {
             .sum()
     }
 
-    /// Standard errors of a fitted hypothesis's parameters, in the order of its point; infinite for what was not free.
-    pub fn standard_errors(&self, fitted: &Fitted, weights: &[f64]) -> Vec<f64> {
+    /// Covariance of a fitted hypothesis's free parameters, with their places in its point.
+    pub fn covariance(&self, fitted: &Fitted, weights: &[f64]) -> (Vec<usize>, DMatrix<f64>) {
         let unknowns = fitted.hypothesis.unknowns(self.baseline);
         let build = |_: &[f64]| None;
         let refit = Refit {
@@ -119,8 +125,13 @@ impl<'a> Engine<'a> {
             known_columns: &[],
             iterations: 0,
         };
-        let (free, covariance) = refit.covariance(&fitted.columns);
-        let mut errors = vec![f64::INFINITY; unknowns.len()];
+        refit.covariance(&fitted.columns)
+    }
+
+    /// Standard errors of a fitted hypothesis's parameters, in the order of its point; infinite for what was not free.
+    pub fn standard_errors(&self, fitted: &Fitted, weights: &[f64]) -> Vec<f64> {
+        let (free, covariance) = self.covariance(fitted, weights);
+        let mut errors = vec![f64::INFINITY; fitted.columns.len()];
         for (index, &of) in free.iter().enumerate() {
             errors[of] = covariance[(index, index)].max(0.0).sqrt();
         }
@@ -166,15 +177,22 @@ impl<'a> Engine<'a> {
 
     /// Root mean square of settled innovations over all joints and recordings, in counts.
     pub fn gap(&self, innovations: &Columns) -> f64 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (segment, columns) in self.setting.experiment.segments.iter().zip(innovations) {
-            let settled = self.setting.experiment.settled(segment);
-            for column in columns.iter().take(self.setting.experiment.robot.joints.len()) {
-                sum += column[settled.clone()].iter().map(|x| x * x).sum::<f64>();
-                count += settled.len() as f64;
+        let joints = self.setting.experiment.robot.joints.len();
+        let sum: f64 = self.joint_gaps(innovations).iter().take(joints).map(|gap| gap * gap).sum();
+        (sum / joints as f64).sqrt()
+    }
+
+    /// Root mean square of settled innovations of each joint over all recordings, in counts; 0 for a joint that is not there.
+    pub fn joint_gaps(&self, innovations: &Columns) -> [f64; 2] {
+        let experiment = self.setting.experiment;
+        let mut sums = [0.0; 2];
+        for (segment, columns) in experiment.segments.iter().zip(innovations) {
+            let settled = experiment.settled(segment);
+            for (sum, column) in sums.iter_mut().zip(columns).take(experiment.robot.joints.len()) {
+                *sum += column[settled.clone()].iter().map(|x| x * x).sum::<f64>();
             }
         }
-        f64::sqrt(sum / f64::max(count, 1.0))
+        sums.map(|sum| (sum / self.length().max(1.0)).sqrt())
     }
 
     /// Settled samples of all recordings.
@@ -203,6 +221,13 @@ impl<'a> Engine<'a> {
             }
         }
         plausible
+    }
+
+    /// The noise that a fitted model leaves, as far as it can be noise; its white part is that of `noise`.
+    pub fn own_noise(&self, fitted: &Fitted, noise: &Noise) -> Noise {
+        let white = noise.map(|joint| joint.white_counts2);
+        let own = noise::most_likely(self.setting.rows, &fitted.residual.motion, white, FITTED);
+        self.plausible(&own, MOST_TORQUE_NOISE)
     }
 
     /// What noise like this leaves, over all joints, in counts rms.

@@ -1,21 +1,66 @@
 //! The recordings kept back: what a model that was fitted elsewhere leaves in them. Only what every recording has for
 //! itself, phases and instants, is found anew.
 
-use super::engine::{Engine, Free};
+use super::engine::{Engine, Fitted, Free};
 use super::hypothesis::{Baseline, Hypothesis};
 use super::instance::Instance;
 use super::instants::instants;
 use super::library::Search;
 use super::noise::{self, JointNoise, Noise};
 use super::verdict::MOST_TORQUE_NOISE;
-use crate::identify::Columns;
 
-/// What noise like `noise` leaves of recordings with these innovations, counts rms. A few seconds of slow noise are louder or
-/// quieter by chance: it is that of the louder recordings, as far as it can be noise at all.
-pub fn kept_back_floor(check: &Engine, innovations: &Columns, noise: &Noise) -> f64 {
-    let rows = check.setting.rows.of(innovations);
-    let own = noise::most_likely(check.setting.rows, &rows, noise.map(|joint| joint.white_counts2), 0.0);
-    check.floor(noise).max(check.floor(&check.plausible(&own, MOST_TORQUE_NOISE)))
+/// A few seconds of slow noise are louder in one recording than in another by chance: up to this factor.
+const LOUDER: f64 = 1.5;
+
+/// What may be left of recordings kept back by a model that is right and was `fitted` to others under `noise`, counts rms: noise,
+/// which is that of the kept-back recordings as far as those fitted leave such noise too, and what the fit could not know.
+pub fn kept_back_floor(train: &Engine, fitted: &Fitted, noise: &Noise, check: &Engine) -> f64 {
+    let weights = check.weights(noise);
+    let adapted = adapted(check, &fitted.hypothesis, &weights);
+    let rows = check.setting.rows.of(&check.innovations(&adapted));
+    let white = noise.map(|joint| joint.white_counts2);
+    let own = check.plausible(&noise::most_likely(check.setting.rows, &rows, white, 0.0), MOST_TORQUE_NOISE);
+    let there = train.joint_gaps(&train.innovations(&fitted.hypothesis));
+    let period_s = check.setting.experiment.robot.record_period_s;
+    let joints = check.setting.experiment.robot.joints.len();
+    let of = |joint: usize| {
+        let rms2 = |noise: &Noise| noise[joint].rms_counts(period_s).powi(2);
+        let rounding = JointNoise::white(white[joint]).rms_counts(period_s).powi(2);
+        let most = rounding + LOUDER.powi(2) * (there[joint].powi(2) - rounding).max(0.0);
+        rms2(&own).max(rms2(noise)).min(most)
+    };
+    let noise_counts2 = (0..joints).map(of).sum::<f64>() / joints as f64;
+    (noise_counts2 + missed_counts2(train, fitted, noise, check, &adapted)).sqrt()
+}
+
+/// What the errors of a fit's parameters leave in recordings that it was not fitted to, a mean square in counts²: tr(J Σ Jᵀ)/n
+/// with the covariance Σ of what all recordings share, and its derivatives J at the n samples kept back.
+fn missed_counts2(train: &Engine, fitted: &Fitted, noise: &Noise, check: &Engine, adapted: &Hypothesis) -> f64 {
+    let Some(kept_back) = check.refit(adapted, &check.weights(noise), &[], Free::All, 0) else { return 0.0 };
+    let shared = |hypothesis: &Hypothesis| -> Vec<usize> {
+        let effects = hypothesis.named.iter().flat_map(Instance::flat);
+        let own = effects.map(|(parameter, _)| parameter.per_record);
+        let own = std::iter::repeat_n(false, hypothesis.base.len()).chain(own);
+        own.enumerate().filter_map(|(place, own)| (!own).then_some(place)).collect()
+    };
+    let (places, kept_places) = (shared(&fitted.hypothesis), shared(&kept_back.hypothesis));
+    let (free, covariance) = train.covariance(fitted, &train.weights(noise));
+    let derivative = |place: &usize| {
+        let shared = places.iter().position(|other| other == place)?;
+        kept_back.columns.get(*kept_places.get(shared)?).filter(|column| !column.motion.is_empty())
+    };
+    let derivatives: Vec<_> = free.iter().map(derivative).collect();
+    let mut sum = 0.0;
+    for (i, a) in derivatives.iter().enumerate() {
+        for (j, b) in derivatives.iter().enumerate() {
+            if let (Some(a), Some(b)) = (a, b) {
+                sum += covariance[(i, j)] * a.motion.iter().zip(&b.motion).map(|(a, b)| a * b).sum::<f64>();
+            }
+        }
+    }
+    // Derivatives of a model far from the motion may not exist.
+    let sum = if sum.is_finite() { sum.max(0.0) } else { 0.0 };
+    sum / (check.setting.experiment.robot.joints.len() as f64 * check.length())
 }
 
 /// Phases that are tried.

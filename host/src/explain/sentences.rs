@@ -145,10 +145,17 @@ pub fn sentences(
                 100.0 * MOST_TORQUE_NOISE
             ));
         }
-        if left.has_a_tone() {
+        if left.has_a_line() || left.gathers() {
+            let tone_hz = if left.has_a_line() { left.line_hz } else { left.gathered_hz };
             sentences.push(format!(
-                "joint {}: a tone of {:.2} Hz is left that noise does not have: something swings or turns",
-                named.name, left.line_hz
+                "joint {}: a tone of {tone_hz:.2} Hz is left that noise does not have: something swings or turns",
+                named.name
+            ));
+        }
+        if left.is_uneven() {
+            sentences.push(format!(
+                "joint {}: one recording is left with {:.1} times as much slow power as another; noise is the same in all",
+                named.name, left.uneven
             ));
         }
     }

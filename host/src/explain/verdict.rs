@@ -18,7 +18,8 @@ pub const CLOSED: f64 = 1.1;
 pub const MOST_NAMED: usize = 2;
 /// Share of the excess of the recordings kept back from which effects foretell them well, and in part.
 const FORETOLD: f64 = 0.9;
-const FORETOLD_IN_PART: f64 = 0.5;
+/// See [`FORETOLD`].
+pub const FORETOLD_IN_PART: f64 = 0.5;
 /// Recordings kept back are closed within this factor: they have nothing fitted to them.
 const HELD_OUT_CLOSED: f64 = 1.25;
 /// Effects together explain at least this share of the excess to be named.
@@ -30,7 +31,7 @@ pub const KEPT: f64 = 0.2;
 /// A gain in χ² that chance does not bring, however large it was elsewhere.
 pub const PROVEN: f64 = 10.0;
 /// A gain in χ² of recordings kept back that stands for the share of what was fitted.
-const FORETELLS: f64 = 25.0;
+pub const FORETELLS: f64 = 25.0;
 /// A score this many times the threshold is no chance, whether its effect is the right one or not.
 const STRONG: f64 = 4.0;
 /// χ² of noise alone is known only up to so many of its standard deviations: less than that is no excess.
@@ -120,7 +121,7 @@ struct HeldOut {
     gaps: [f64; 2],
     /// Gap of the refit without effects.
     alone: f64,
-    /// What noise leaves in them.
+    /// What noise, and what the fit could not know, leaves in them.
     floor: f64,
     /// Share of their excess over the floor that the effects take away beyond what base parameters do alone.
     foretold: f64,
@@ -138,8 +139,13 @@ impl Case<'_> {
         let weights = train.weights(&noise);
         let final_innovations = train.innovations(&rounds.fitted.hypothesis);
         let after = train.gap(&final_innovations);
-        let held_out = self.check.as_ref().map(|check| held_out(check, &rounds, &noise));
-        let floor = held_out.as_ref().map_or(0.0, |held_out| held_out.floor).max(train.floor(&noise));
+        let held_out = self.check.as_ref().map(|check| held_out(train, check, &rounds, &noise));
+        let count = teeth::count(&rounds.accepted);
+        // While effects were looked for, whatever resembled any was taken out of the noise; where some are found, what is left
+        // beside them is noise as far as it can be.
+        let own = if count > 0 { train.own_noise(&rounds.fitted, &rounds.noise) } else { noise };
+        let kept_back = held_out.as_ref().map_or(0.0, |held_out| held_out.floor);
+        let floor = kept_back.max(train.floor(&noise)).max(train.floor(&own));
 
         // What noise like this leaves of χ².
         let current = |fitted: &Fitted| fitted.residual.current.iter().map(|x| x * x).sum::<f64>();
@@ -155,7 +161,7 @@ impl Case<'_> {
         let complains = |gap: f64, hypothesis: &Hypothesis| gap > CLOSED * floor || priors_complain(train, hypothesis);
         let elsewhere = held_out.as_ref().is_some_and(|held_out| held_out.alone > HELD_OUT_CLOSED * floor);
         let noise_alone = |fitted: &Fitted| {
-            remainders(train, fitted, &rounds.noise).iter().all(|left| !left.is_too_large() && !left.has_a_tone())
+            remainders(train, fitted, &rounds.noise).iter().all(|left| !left.is_no_noise() && !left.has_a_line())
         };
         let strong = rounds.rivals.iter().any(|rival| rival.delta_bic > STRONG * rounds.scores[1]);
         let nothing_wrong = !elsewhere
@@ -173,9 +179,8 @@ impl Case<'_> {
             let least = f64::min(KEPT * gained * held_out.length / train.length(), PROVEN);
             !by_motion || held_out.gain >= least
         });
-        let count = teeth::count(&rounds.accepted);
         let closes = kept
-            && held_out_agrees(held_out.as_ref(), floor)
+            && held_out_agrees(held_out.as_ref())
             && (after <= CLOSED * floor || (count == 1 && foretold >= FORETOLD && after <= HELD_OUT_CLOSED * floor));
         // An axis has half as many effects to choose from as an arm, so that more of them imitate less.
         let arm = train.setting.experiment.robot.joints.len() > 1;
@@ -185,7 +190,8 @@ impl Case<'_> {
         let foretells =
             held_out.as_ref().is_some_and(|held_out| held_out.foretold >= FORETOLD && held_out.gain >= FORETELLS);
         let explained = share >= NAMED_SHARE || (foretells && after <= CLOSED * floor);
-        let verdict = if count > 0 && explained && closes && count <= MOST_NAMED {
+        let as_noise = !remainders(train, &rounds.fitted, &rounds.noise).iter().any(Remainder::is_no_noise);
+        let verdict = if count > 0 && explained && closes && as_noise && count <= MOST_NAMED {
             Verdict::Named
         } else if nothing_wrong {
             Verdict::None
@@ -215,14 +221,14 @@ impl Case<'_> {
     }
 }
 
-fn held_out(check: &Engine, rounds: &Rounds, noise: &Noise) -> HeldOut {
+fn held_out(train: &Engine, check: &Engine, rounds: &Rounds, noise: &Noise) -> HeldOut {
     let weights = check.weights(noise);
     let best = adapted(check, &rounds.fitted.hypothesis, &weights);
     let first = adapted(check, &rounds.start, &weights);
     let null = adapted(check, &rounds.null.hypothesis, &weights);
     let best_innovations = check.innovations(&best);
     let after = check.gap(&best_innovations);
-    let floor = kept_back_floor(check, &best_innovations, noise);
+    let floor = kept_back_floor(train, &rounds.fitted, noise, check);
     let alone = check.gap(&check.innovations(&null));
     let excess = alone * alone - floor * floor;
     let of_data = |hypothesis: &Hypothesis| {
@@ -247,9 +253,9 @@ pub fn priors_complain(engine: &Engine, hypothesis: &Hypothesis) -> bool {
 
 /// Whether the recordings kept back are closed as well, or nearly, and no worse than with the baseline, or better once they are
 /// weighed by the noise.
-fn held_out_agrees(held_out: Option<&HeldOut>, floor: f64) -> bool {
+fn held_out_agrees(held_out: Option<&HeldOut>) -> bool {
     held_out.is_none_or(|held_out| {
-        let [before, after] = held_out.gaps;
+        let ([before, after], floor) = (held_out.gaps, held_out.floor);
         after <= HELD_OUT_CLOSED * floor && (after <= before.max(CLOSED * floor) || held_out.gain >= FORETELLS)
     })
 }
