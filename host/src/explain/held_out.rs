@@ -35,7 +35,7 @@ pub fn kept_back_floor(train: &Engine, fitted: &Fitted, noise: &Noise, check: &E
 
 /// What the errors of a fit's parameters leave in recordings that it was not fitted to, a mean square in counts²: tr(J Σ Jᵀ)/n
 /// with the covariance Σ of what all recordings share, and its derivatives J at the n samples kept back.
-fn missed_counts2(train: &Engine, fitted: &Fitted, noise: &Noise, check: &Engine, adapted: &Hypothesis) -> f64 {
+pub fn missed_counts2(train: &Engine, fitted: &Fitted, noise: &Noise, check: &Engine, adapted: &Hypothesis) -> f64 {
     let Some(kept_back) = check.refit(adapted, &check.weights(noise), &[], Free::All, 0) else { return 0.0 };
     let shared = |hypothesis: &Hypothesis| -> Vec<usize> {
         let effects = hypothesis.named.iter().flat_map(Instance::flat);

@@ -2,10 +2,14 @@
 
 use shared::trajectory::{Fourier, Harmonic, Trajectory};
 
+use nalgebra::DVector;
+
+use super::engine::Free;
 use super::hypothesis::{Baseline, Hypothesis};
 use super::instance::Instance;
 use super::library::kind;
 use super::next::{next_trajectory, simulated};
+use super::noise::JointNoise;
 use super::nulls::NullNoise;
 use super::*;
 
@@ -157,6 +161,51 @@ fn more_noise_than_a_robot_has_is_called_unknown() {
     assert_eq!((explanation.verdict, explanation.effects.len()), (Verdict::Unknown, 0), "{:?}", explanation.sentences);
     let told = |sentence: &String| sentence.starts_with("joint 3: an irregular torque");
     assert!(explanation.sentences.iter().any(told), "{:?}", explanation.sentences);
+}
+
+/// Fits as likely as the one found leave on average, in the recording kept back, what is expected of them.
+#[test]
+fn what_a_fit_could_not_know_is_expected_of_what_was_kept_back() {
+    let robot = Robot::paper();
+    let model = model(&robot);
+    let baseline = baseline(&robot, &model, true);
+    let wave = |records: usize| Instance::new(kind("cogging").expect("an effect"), 1, &[0.02, 0.7, 3.3], records);
+    let recordings = recordings(&robot, &baseline, vec![wave(1)]);
+    let (fitted, check) = recordings.split_at(2);
+    let experiments = [fitted, check].map(|part| Experiment::new(&robot, part).expect("recordings"));
+    let rows = experiments.each_ref().map(rows::Rows::new);
+    let engine = |part: usize| {
+        let setting = Setting { experiment: &experiments[part], rows: &rows[part], current_sigma_a: None };
+        Engine::new(setting, &baseline)
+    };
+    let (train, check) = (engine(0), engine(1));
+    let noise = [JointNoise { torque_counts2: 20.0, ..JointNoise::white(1.0 / 12.0) }; 2];
+    let hypothesis = Hypothesis::baseline(&baseline, &[wave(2)]);
+    let fitted = train.refit(&hypothesis, &train.weights(&noise), &[], Free::All, 0).expect("a fit");
+    let kept_back = held_out::adapted(&check, &hypothesis, &check.weights(&noise));
+
+    let (free, covariance) = train.covariance(&fitted, &train.weights(&noise));
+    let factor = covariance.cholesky().expect("a covariance").l();
+    let innovations = check.innovations(&kept_back);
+    let mut random = crate::random::Random::new(3, 0);
+    let draws = 60;
+    let mut sum = 0.0;
+    for _ in 0..draws {
+        let errors = &factor * DVector::from_fn(free.len(), |_, _| random.normal());
+        let mut point = fitted.hypothesis.point();
+        free.iter().zip(errors.iter()).for_each(|(&place, error)| point[place] += error);
+        let drawn = fitted.hypothesis.at(&point);
+        let mut other = Hypothesis { base: drawn.base, ..kept_back.clone() };
+        other.named[0].common.clone_from(&drawn.named[0].common);
+        let mut left = check.innovations(&other);
+        for (left, right) in left.iter_mut().flatten().zip(innovations.iter().flatten()) {
+            left.iter_mut().zip(right).for_each(|(left, right)| *left -= right);
+        }
+        sum += check.gap(&left).powi(2) / f64::from(draws);
+    }
+    let expected = held_out::missed_counts2(&train, &fitted, &noise, &check, &kept_back);
+    assert!((expected / sum - 1.0).abs() < 0.3, "{expected} expected, {sum} left");
+    assert!(expected > 0.0 && expected < check.floor(&noise).powi(2), "{expected}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::case::Kind;
 use super::interval::{Share, quantile};
-use super::score::{Group, Judged, Parameters, Power, Score, confusion, groups, parameters, power};
+use super::score::{Group, Judged, Parameters, Power, Score, confusion, gap_quantiles, groups, parameters, power};
 use crate::report::{Cell, Content, Ink, Interval, Intervals, Picture, Section, Table};
 
 /// One method's answers.
@@ -143,6 +143,7 @@ fn scores(method: &Method<'_>) -> Table {
             let names = [group.kind, group.tier.as_str(), group.noise, what].map(Cell::from);
             names.into_iter().chain(cells).collect::<Vec<Cell>>()
         };
+        let gaps = |over_floor: &[f64]| gap_quantiles(over_floor).map_or([None; 2], |pair| pair.map(Some));
         let percent = |share: Option<f64>| Cell::optional(share, |share| Cell::fixed(100.0 * share, 1));
         for (what, share) in shares(group.kind, &score) {
             let [low, high] = share.interval().map_or([None; 2], |interval| interval.map(Some));
@@ -151,7 +152,8 @@ fn scores(method: &Method<'_>) -> Table {
             table = table.row(row(what, [hits, of, percent(share.value()), percent(low), percent(high)]));
         }
         let quantities = [
-            ("held-out gap over floor: median, 95 %", score.gap_quantiles().map_or([None; 2], |pair| pair.map(Some))),
+            ("held-out gap over floor: median, 95 %", gaps(&score.gap_over_floor)),
+            ("the same where named: median, 95 %", gaps(&score.named_gap_over_floor)),
             ("mean class size", [score.mean_class_size().filter(|_| group.kind != "null"), None]),
             ("time in s: median, longest", [quantile(&score.seconds, 0.5), quantile(&score.seconds, 1.0)]),
         ];
@@ -236,7 +238,8 @@ pub fn json(methods: &[Method<'_>]) -> Value {
                     "said_none": share(&score.said_none),
                     "flagged_unknown": share(&score.flagged_unknown),
                     "failed": share(&score.failed),
-                    "held_out_gap_over_floor": score.gap_quantiles(),
+                    "held_out_gap_over_floor": gap_quantiles(&score.gap_over_floor),
+                    "named_held_out_gap_over_floor": gap_quantiles(&score.named_gap_over_floor),
                     "seconds": {"median": quantile(&score.seconds, 0.5), "longest": quantile(&score.seconds, 1.0)},
                 })
             })

@@ -54,6 +54,8 @@ pub struct Score {
     pub failed: Share,
     /// Held-out gap over floor, case by case.
     pub gap_over_floor: Vec<f64>,
+    /// The same of those that were named.
+    pub named_gap_over_floor: Vec<f64>,
     /// Time in s, case by case.
     pub seconds: Vec<f64>,
 }
@@ -87,13 +89,12 @@ impl Score {
         if let Some(gap) = answer.verdict.as_ref().and_then(|verdict| verdict.gap.as_ref())
             && let Some(held_out) = gap.held_out
         {
-            self.gap_over_floor.push(held_out.after / gap.floor);
+            let over_floor = held_out.after / gap.floor;
+            self.gap_over_floor.push(over_floor);
+            if word == "named" {
+                self.named_gap_over_floor.push(over_floor);
+            }
         }
-    }
-
-    /// Median and 95 % quantile of the held-out gap over its floor.
-    pub fn gap_quantiles(&self) -> Option<[f64; 2]> {
-        Some([quantile(&self.gap_over_floor, 0.5)?, quantile(&self.gap_over_floor, 0.95)?])
     }
 
     /// Mean number of names in a class.
@@ -101,6 +102,11 @@ impl Score {
         let count = self.class_sizes.len();
         (count > 0).then(|| self.class_sizes.iter().sum::<usize>() as f64 / count as f64)
     }
+}
+
+/// Median and 95 % quantile of gaps over their floors.
+pub fn gap_quantiles(over_floor: &[f64]) -> Option<[f64; 2]> {
+    Some([quantile(over_floor, 0.5)?, quantile(over_floor, 0.95)?])
 }
 
 /// How a kind is called in tables.
