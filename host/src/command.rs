@@ -32,7 +32,7 @@ mod track;
 mod upload;
 mod wording;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 pub use error::CommandError;
 
@@ -102,6 +102,22 @@ enum Command {
     Completions(completions::Completions),
     /// Write manual pages, or tables of every option.
     Man(man::Manual),
+}
+
+/// The arguments of this process; wrong usage, and what asks for help, ends it.
+pub fn arguments() -> Arguments {
+    let mut parser = values_may_be_negative(Arguments::command());
+    let matches = parser.get_matches_mut();
+    Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut parser).exit())
+}
+
+/// A number below zero is the value of the option before it, and refused by that option's name, rather than an option that
+/// does not exist.
+fn values_may_be_negative(command: clap::Command) -> clap::Command {
+    let option = |argument: &clap::Arg| !argument.is_positional() && argument.get_action().takes_values();
+    command
+        .mut_args(|argument| if option(&argument) { argument.allow_negative_numbers(true) } else { argument })
+        .mut_subcommands(values_may_be_negative)
 }
 
 /// Carries out what the command line asks for.

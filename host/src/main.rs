@@ -15,11 +15,9 @@ mod command;
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
-
 fn main() -> ExitCode {
     // clap itself ends with exit code 2 on wrong usage.
-    match command::run(command::Arguments::parse()) {
+    match command::run(command::arguments()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {}", error.message());

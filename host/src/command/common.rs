@@ -66,7 +66,7 @@ pub struct BoardArguments {
     #[arg(long = "effect", value_name = "EFFECT")]
     pub effects: Vec<String>,
     /// Load in the gripper of the simulated board's hidden robot from the start, kg
-    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "KG")]
     pub load_kg: Option<f64>,
     /// Declare the pose the arm has now: joint angles Q2,Q3 in rad
     #[arg(long, value_name = "Q2,Q3", allow_hyphen_values = true)]
@@ -215,10 +215,10 @@ pub struct TrajectoryArguments {
     #[arg(long, value_name = "paper|FILE", default_value = PAPER)]
     pub trajectory: String,
     /// Period T of the paper's movement in s
-    #[arg(long, value_name = "SECONDS", default_value_t = 3.65, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 3.65)]
     pub period: f64,
     /// How long to stand at the start before recording, in s
-    #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_SETTLE_S, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_SETTLE_S)]
     pub settle: f64,
 }
 

@@ -28,7 +28,7 @@ pub struct Excite {
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// How long the movement lasts, in s
-    #[arg(long, value_name = "SECONDS", default_value_t = 7.3, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 7.3)]
     duration: f64,
     /// Periods of the series within the duration; without it, periods of at most 4.5 s
     #[arg(long, value_name = "N")]

@@ -37,7 +37,7 @@ pub struct Monitor {
     #[command(flatten)]
     board: BoardArguments,
     /// End after so many seconds
-    #[arg(long = "for", value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long = "for", value_name = "SECONDS")]
     duration_s: Option<f64>,
     /// Print one JSON object a line instead of a plot
     #[arg(long)]

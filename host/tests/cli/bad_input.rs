@@ -45,6 +45,14 @@ fn a_recording_is_used_once() {
     bench.refused(USAGE, "calibrate run.csv run.csv", &["run.csv is given twice"]);
 }
 
+/// A number below zero is refused as the value it was meant to be.
+#[test]
+fn negative_numbers_are_refused_by_the_option_they_are_of() {
+    let bench = Bench::new();
+    bench.refused(USAGE, "demo --seed -1", &["invalid value '-1'", "--seed"]);
+    bench.refused(USAGE, "bench load --picks -3", &["invalid value '-3'", "--picks"]);
+}
+
 #[test]
 fn swapped_joints_are_found_by_their_gains() {
     let bench = Bench::new().with_recording();
