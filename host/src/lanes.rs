@@ -169,6 +169,16 @@ impl<S: Simd, M: SimdMask<S>, const GROUPS: usize> Mask for LaneMask<S, M, GROUP
     fn not(self) -> Self {
         Self(each_group!(self.0, group => !self.0[group]), PhantomData)
     }
+    #[inline(always)]
+    fn any(self) -> bool {
+        let mut all = self.0[0];
+        let mut group = 1;
+        while group < GROUPS {
+            all = all | self.0[group];
+            group += 1;
+        }
+        all.any_true()
+    }
 }
 
 impl<S: Simd, V: SimdFloat<S, Element: Number>, const GROUPS: usize> Scalar for Lanes<S, V, GROUPS> {

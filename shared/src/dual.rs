@@ -125,6 +125,10 @@ impl<S: Scalar> Scalar for Dual<S> {
         }
     }
     #[inline(always)]
+    fn is_zero(self) -> bool {
+        self.value.is_zero() && self.slope.is_zero()
+    }
+    #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         let (sine, cosine) = self.value.sin_cos();
         (Self { value: sine, slope: cosine * self.slope }, Self { value: cosine, slope: -(sine * self.slope) })

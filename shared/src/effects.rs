@@ -26,6 +26,7 @@ mod link;
 mod motion;
 mod plant;
 mod shaft;
+mod wave;
 
 pub use feedforward::{DriveFeedforward, Instant};
 pub use motion::Motion;

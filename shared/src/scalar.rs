@@ -15,6 +15,8 @@ pub trait Mask: Copy + Debug {
     fn or(self, other: Self) -> Self;
     /// True where `self` is false.
     fn not(self) -> Self;
+    /// Whether it is true in any lane.
+    fn any(self) -> bool;
 }
 
 impl Mask for bool {
@@ -26,6 +28,9 @@ impl Mask for bool {
     }
     fn not(self) -> Self {
         !self
+    }
+    fn any(self) -> bool {
+        self
     }
 }
 
@@ -123,6 +128,12 @@ pub trait Scalar:
     #[inline(always)]
     fn clamp_abs(self, bound: Self) -> Self {
         self.maximum(-bound).minimum(bound)
+    }
+    /// Whether all lanes are zero, or not a number; with derivatives, those too.
+    #[inline(always)]
+    fn is_zero(self) -> bool {
+        let zero = self.constant(0.0);
+        !self.less(zero).or(zero.less(self)).any()
     }
     /// `magnitude` with the sign of `self`; `-magnitude` only where `self < 0`.
     #[inline(always)]

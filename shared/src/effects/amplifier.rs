@@ -1,6 +1,7 @@
 //! From the commanded current to the motor's torque.
 
 use super::JointEffects;
+use super::wave::Wave;
 use crate::drive::Drive;
 use crate::scalar::Scalar;
 
@@ -28,12 +29,8 @@ pub(super) struct Motor<S> {
     gear_ratio: S,
     torque_constant: S,
     offset: S,
-    ripple: S,
-    ripple_order: S,
-    ripple_phase: S,
-    cogging: S,
-    cogging_order: S,
-    cogging_phase: S,
+    ripple: Wave<S>,
+    cogging: Wave<S>,
 }
 
 /// Torque per current and torque without one at a position of the motor.
@@ -116,24 +113,26 @@ impl<S: Scalar> Motor<S> {
             gear_ratio: ratio,
             torque_constant: drive.torque_constant_nm_per_a * (one + effects.torque_constant_change),
             offset: drive.torque_offset_nm + effects.torque_offset_nm,
-            ripple: effects.ripple_share,
-            ripple_order: ratio * effects.ripple_order,
-            ripple_phase: effects.ripple_phase_rad,
-            cogging: effects.cogging_nm,
-            cogging_order: ratio * effects.cogging_order,
-            cogging_phase: effects.cogging_phase_rad,
+            ripple: Wave {
+                size: effects.ripple_share,
+                order: ratio * effects.ripple_order,
+                phase: effects.ripple_phase_rad,
+            },
+            cogging: Wave {
+                size: effects.cogging_nm,
+                order: ratio * effects.cogging_order,
+                phase: effects.cogging_phase_rad,
+            },
         }
     }
 
     /// The motor at a position of the joint.
     #[inline(always)]
     pub fn at(&self, position_rad: S) -> MotorAt<S> {
-        let (_, ripple) = self.ripple_order.mul_add(position_rad, self.ripple_phase).sin_cos();
-        let (_, cogging) = self.cogging_order.mul_add(position_rad, self.cogging_phase).sin_cos();
-        let factor = self.ripple.mul_add(ripple, position_rad.constant(1.0));
+        let factor = self.ripple.at(position_rad) + position_rad.constant(1.0);
         MotorAt {
             torque_constant: self.torque_constant * factor,
-            torque_nm: self.cogging.mul_add(cogging, -self.offset),
+            torque_nm: self.cogging.at(position_rad) - self.offset,
         }
     }
 

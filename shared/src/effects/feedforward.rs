@@ -7,7 +7,8 @@
 use super::JointEffects;
 use super::amplifier::Motor;
 use super::friction::{Circumstances, Friction};
-use super::link::Spring;
+use super::link::balance_spring;
+use super::wave::Wave;
 use crate::drive::Drive;
 use crate::scalar::Scalar;
 
@@ -16,7 +17,7 @@ use crate::scalar::Scalar;
 pub struct DriveFeedforward<S> {
     friction: Friction<S>,
     motor: Motor<S>,
-    spring: Spring<S>,
+    spring: Wave<S>,
     motor_inertia: S,
     /// Direction of dry friction per joint speed, s/rad.
     direction_per_speed: S,
@@ -43,7 +44,7 @@ impl<S: Scalar> DriveFeedforward<S> {
         Self {
             friction: Friction::new(drive, effects),
             motor: Motor::new(drive, effects),
-            spring: Spring::new(effects),
+            spring: balance_spring(effects),
             motor_inertia: ratio * ratio * effects.motor_inertia_kg_m2,
             direction_per_speed: ratio.abs() / switch_motor_rad_s,
         }
@@ -56,7 +57,7 @@ impl<S: Scalar> DriveFeedforward<S> {
     #[inline(never)]
     pub fn current_a(&self, instant: &Instant<S>, wanted_nm: S) -> (S, S) {
         let &Instant { position_rad, velocity_rad_s, acceleration_rad_s2, arm_torque_nm } = instant;
-        let spring_nm = self.spring.torque_nm(position_rad);
+        let spring_nm = self.spring.at(position_rad);
         let gear_nm = (-self.motor_inertia).mul_add(acceleration_rad_s2, arm_torque_nm - spring_nm);
         // Drift counts from the start of a recording, and the controller knows of none.
         let circumstances = Circumstances { position_rad, time_s: position_rad.constant(0.0) };

@@ -1,6 +1,7 @@
 //! Friction at the motor beyond a constant Coulomb and a proportional viscous part.
 
 use super::JointEffects;
+use super::wave::Wave;
 use crate::drive::Drive;
 use crate::scalar::Scalar;
 
@@ -18,9 +19,7 @@ pub(super) struct Friction<S> {
     stribeck_sharpness: S,
     load_coefficient: S,
     drift: S,
-    position: S,
-    position_order: S,
-    position_phase: S,
+    position: Wave<S>,
 }
 
 /// What the slowly changing part of friction depends on.
@@ -47,19 +46,20 @@ impl<S: Scalar> Friction<S> {
             stribeck_sharpness: effects.stribeck_sharpness,
             load_coefficient: effects.load_friction_coefficient,
             drift: size * effects.friction_drift_nm_per_s,
-            position: size * effects.position_friction_nm,
-            position_order: effects.position_friction_order,
-            position_phase: effects.position_friction_phase_rad,
+            position: Wave {
+                size: size * effects.position_friction_nm,
+                order: effects.position_friction_order,
+                phase: effects.position_friction_phase_rad,
+            },
         }
     }
 
     /// The part of dry friction that changes slowly, N m.
     #[inline(always)]
     pub fn slow_level_nm(&self, circumstances: &Circumstances<S>) -> S {
-        let (_, wave) = self.position_order.mul_add(circumstances.position_rad, self.position_phase).sin_cos();
         // Before the recording friction has not begun to drift.
-        let time_s = circumstances.time_s.maximum(wave.constant(0.0));
-        self.position.mul_add(wave, self.drift.mul_add(time_s, self.coulomb))
+        let time_s = circumstances.time_s.maximum(self.drift.constant(0.0));
+        self.position.at(circumstances.position_rad) + self.drift.mul_add(time_s, self.coulomb)
     }
 
     /// The range of dry friction's torque in N m at a joint speed: its low end acts while the joint moves in positive

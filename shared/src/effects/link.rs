@@ -1,23 +1,17 @@
 //! Torques on a link that are neither its gear's nor the arm's own.
 
 use super::JointEffects;
+use super::wave::Wave;
 use crate::scalar::Scalar;
 
 /// What acts on one link from outside.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Link<S> {
-    spring: Spring<S>,
+    spring: Wave<S>,
     slack: SlackSpring<S>,
     contact: S,
     contact_start: S,
     contact_end: S,
-}
-
-/// A balance spring at one joint.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Spring<S> {
-    torque: S,
-    angle: S,
 }
 
 /// A spring that pulls only beyond its slack.
@@ -31,7 +25,7 @@ struct SlackSpring<S> {
 impl<S: Scalar> Link<S> {
     pub fn new(effects: &JointEffects<S>) -> Self {
         Self {
-            spring: Spring::new(effects),
+            spring: balance_spring(effects),
             slack: SlackSpring {
                 stiffness: effects.slack_spring_nm_per_rad,
                 centre: effects.slack_centre_rad,
@@ -46,7 +40,7 @@ impl<S: Scalar> Link<S> {
     /// The springs' torque at an angle of the joint, N m.
     #[inline(always)]
     pub fn spring_nm(&self, position_rad: S) -> S {
-        self.spring.torque_nm(position_rad) - self.slack.against_nm(position_rad)
+        self.spring.at(position_rad) - self.slack.against_nm(position_rad)
     }
 
     /// The contact's mean torque over a step, N m.
@@ -57,16 +51,9 @@ impl<S: Scalar> Link<S> {
     }
 }
 
-impl<S: Scalar> Spring<S> {
-    pub fn new(effects: &JointEffects<S>) -> Self {
-        Self { torque: effects.spring_nm, angle: effects.spring_angle_rad }
-    }
-
-    /// The spring's torque at an angle of the joint, N m.
-    #[inline(always)]
-    pub fn torque_nm(&self, position_rad: S) -> S {
-        self.torque * (position_rad - self.angle).sin_cos().1
-    }
+/// The torque in N m of a joint's balance spring over the joint's angle.
+pub(super) fn balance_spring<S: Scalar>(effects: &JointEffects<S>) -> Wave<S> {
+    Wave { size: effects.spring_nm, order: effects.spring_nm.constant(1.0), phase: -effects.spring_angle_rad }
 }
 
 impl<S: Scalar> SlackSpring<S> {

@@ -8,6 +8,7 @@ use super::friction::{Circumstances, Friction};
 use super::link::Link;
 use super::motion::Motion;
 use super::shaft::{Passed, Shaft, TwoMass};
+use super::wave::Wave;
 use super::{Effects, JointEffects};
 use crate::arm::{Arm, Inertia, Load, Pose};
 use crate::machine::{Machine, Movable};
@@ -77,9 +78,7 @@ pub struct ExtendedMachine<S> {
 /// Where one encoder is wrong.
 #[derive(Clone, Copy, Debug)]
 struct Encoder<S> {
-    error: S,
-    order: S,
-    phase: S,
+    error: Wave<S>,
     slip: S,
     instant: S,
     inverse_duration: S,
@@ -95,9 +94,11 @@ pub struct Held<S> {
 impl<S: Scalar> Encoder<S> {
     fn new(effects: &JointEffects<S>, gear_ratio: S, counts_per_rad: S) -> Self {
         Self {
-            error: counts_per_rad * effects.transmission_error_rad,
-            order: gear_ratio * effects.transmission_error_order,
-            phase: effects.transmission_error_phase_rad,
+            error: Wave {
+                size: counts_per_rad * effects.transmission_error_rad,
+                order: gear_ratio * effects.transmission_error_order,
+                phase: effects.transmission_error_phase_rad,
+            },
             slip: effects.slip_counts,
             instant: effects.slip_instant_s,
             inverse_duration: gear_ratio.constant(1.0 / SLIP_DURATION_S),
@@ -107,10 +108,9 @@ impl<S: Scalar> Encoder<S> {
     /// Counts shown beyond the position.
     #[inline(always)]
     fn beyond_counts(&self, position_rad: S, time_s: S) -> S {
-        let (_, wave) = self.order.mul_add(position_rad, self.phase).sin_cos();
         let slipped = (time_s - self.instant) * self.inverse_duration;
         let slipped = slipped.maximum(slipped.constant(0.0)).minimum(slipped.constant(1.0));
-        self.error.mul_add(wave, self.slip * slipped)
+        self.slip.mul_add(slipped, self.error.at(position_rad))
     }
 }
 
