@@ -12,6 +12,8 @@ const ALONE: usize = 3;
 const TOGETHER: usize = 4;
 /// Iterations more, at most, of what is refitted to its end.
 const TO_THE_END: usize = 10;
+/// Iterations after which it shows which of several starts is the nearest.
+const TO_COMPARE: usize = 3;
 /// How often the edges of contacts are moved, durations that are tried then over the one before, and by how much χ² has to fall.
 const MOVES: usize = 8;
 const LONGER: [f64; 7] = [0.5, 0.7, 0.85, 1.0, 1.2, 1.45, 2.0];
@@ -81,12 +83,16 @@ impl Case<'_> {
     fn to_the_end(&self, begun: &Fitted, weights: &[f64]) -> Option<Fitted> {
         let train = &self.train;
         // The derivatives of the model before may be far from these by now.
-        let ended = |hypothesis: &Hypothesis| train.refit(hypothesis, weights, &[], Free::All, TO_THE_END);
+        let refit =
+            |hypothesis: &Hypothesis, iterations: usize| train.refit(hypothesis, weights, &[], Free::All, iterations);
+        let ended = |hypothesis: &Hypothesis| refit(hypothesis, TO_THE_END);
         let unbent = Hypothesis { base: train.baseline.values.of(&train.baseline.free), ..begun.hypothesis.clone() };
         let nearest = |a: &Fitted, b: &Fitted| a.cost.total_cmp(&b.cost);
         let fitted = [&begun.hypothesis, &unbent].into_iter().filter_map(ended).min_by(nearest)?;
         let anew = self.with_instants_anew(&fitted, weights);
-        let mut fitted = anew.iter().filter_map(ended).chain([fitted]).min_by(nearest)?;
+        let anew = anew.iter().filter_map(|other| refit(other, TO_COMPARE)).min_by(nearest);
+        let anew = anew.and_then(|begun| ended(&begun.hypothesis));
+        let mut fitted = anew.into_iter().chain([fitted]).min_by(nearest)?;
         for _ in 0..MOVES {
             match self.with_contacts_moved(&fitted, weights).and_then(|moved| ended(&moved)) {
                 Some(moved) if moved.cost < fitted.cost - BETTER => fitted = moved,
