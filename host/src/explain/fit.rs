@@ -11,6 +11,11 @@ use crate::identify::Experiment;
 /// How damped the steps are that one iteration tries side by side.
 const DAMPINGS: [f64; 8] = [0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e2, 1e4];
 
+/// Where a step changes nothing, one this much wider may, so many times: a plant that sets itself a limit (the least inertia
+/// that it leaves a motor) would hold a parameter for good that came to lie beyond it.
+const WIDER: f64 = 16.0;
+const WIDENED: i32 = 1;
+
 /// What is common to all refits of an experiment.
 pub struct Setting<'a> {
     /// The recordings.
@@ -122,36 +127,35 @@ impl Refit<'_> {
 
     /// The derivatives at `values`, where the model leaves `residual`.
     pub fn columns(&self, values: &[f64], residual: &Column) -> Vec<Column> {
-        let wanted: Vec<usize> = (0..values.len())
+        let mut columns: Vec<Column> =
+            (0..values.len()).map(|i| self.known_columns.get(i).cloned().flatten().unwrap_or_default()).collect();
+        let mut wanted: Vec<usize> = (0..values.len())
             .filter(|&i| self.unknowns[i].free && self.known_columns.get(i).is_none_or(Option::is_none))
             .collect();
-        // A step that would leave the range, or what can exist, is taken the other way.
-        let steps: Vec<f64> = wanted
-            .iter()
-            .map(|&i| {
-                let unknown = &self.unknowns[i];
-                let stepped = |step: f64| {
-                    let mut point = values.to_vec();
-                    point[i] += step;
-                    (unknown.range[0]..=unknown.range[1]).contains(&point[i]) && (self.build)(&point).is_some()
-                };
-                if stepped(unknown.step) { unknown.step } else { -unknown.step }
-            })
-            .collect();
-        let points: Vec<Vec<f64>> = wanted
-            .iter()
-            .zip(&steps)
-            .map(|(&i, step)| {
+        for widened in 0..=WIDENED {
+            let stepped = |i: usize, step: f64| {
                 let mut point = values.to_vec();
                 point[i] += step;
                 point
-            })
-            .collect();
-        let mut columns: Vec<Column> =
-            (0..values.len()).map(|i| self.known_columns.get(i).cloned().flatten().unwrap_or_default()).collect();
-        for ((&i, step), stepped) in wanted.iter().zip(&steps).zip(self.residuals(&points)) {
-            if let Some(stepped) = stepped {
-                columns[i] = residual.difference(&stepped, *step);
+            };
+            // A step that would leave the range, or what can exist, is taken the other way.
+            let step = |&i: &usize| {
+                let unknown = &self.unknowns[i];
+                let step = WIDER.powi(widened) * unknown.step;
+                let point = stepped(i, step);
+                let fits = (unknown.range[0]..=unknown.range[1]).contains(&point[i]) && (self.build)(&point).is_some();
+                if fits { step } else { -step }
+            };
+            let steps: Vec<f64> = wanted.iter().map(step).collect();
+            let points: Vec<Vec<f64>> = wanted.iter().zip(&steps).map(|(&i, &step)| stepped(i, step)).collect();
+            for ((&i, &step), left) in wanted.iter().zip(&steps).zip(self.residuals(&points)) {
+                if let Some(left) = left {
+                    columns[i] = residual.difference(&left, step);
+                }
+            }
+            wanted.retain(|&i| columns[i].is_nothing());
+            if wanted.is_empty() {
+                break;
             }
         }
         columns

@@ -110,6 +110,8 @@ impl Instance {
         let least = match self.kind.name {
             "count-loss" => 0.9,
             "torque-constant" => 2e-3,
+            // Without any there is no second mass: what it brings, its motor's inertia does.
+            "joint-flexibility" | "backlash" => f64::MIN_POSITIVE,
             _ => 0.0,
         };
         let lasts = |(parameter, value): (&Parameter, &Option<f64>)| {

@@ -18,6 +18,11 @@ impl Column {
         inner(&self.motion, &other.motion, weights) + dot(&self.current, &other.current)
     }
 
+    /// Whether there is something, and all of it is zero.
+    pub fn is_nothing(&self) -> bool {
+        !self.motion.is_empty() && self.motion.iter().chain(&self.current).all(|x| *x == 0.0)
+    }
+
     /// `(self − other)/by`.
     pub fn difference(&self, other: &Self, by: f64) -> Self {
         let of = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b) / by).collect::<Vec<f64>>();
