@@ -239,8 +239,10 @@ impl Case<'_> {
             // An effect may weigh more where the noise is small and still lead the model away from the motion.
             let any = confirmed.iter().any(|(rival, fitted)| leads_on(rival, fitted));
             confirmed.retain(|(rival, fitted)| {
-                // Where none does, noise may leave as much of what was kept back, and says nothing against any.
-                let may_be = !any && rival.delta_bic >= threshold && rival.held_out_gap <= noise_gap;
+                // Where none does, noise may leave as much of what was kept back, and says nothing against any; but what is
+                // looked for at instants of its own is found in noise as well.
+                let anywhere = rival.instance.has_instants();
+                let may_be = !any && !anywhere && rival.delta_bic >= threshold && rival.held_out_gap <= noise_gap;
                 (may_be || leads_on(rival, fitted))
                     && !self.is_first_play(rival, &accepted)
                     && !teeth::is_their_fault(rival, &accepted)
@@ -353,7 +355,8 @@ impl Case<'_> {
         let Some([gained, kept]) = self.gains(without, with, noise) else { return true };
         // What currents or prior knowledge tell need not show in the motion, but must not spoil it.
         let by_motion = gained > 0.5 * (without.cost - with.cost);
-        kept >= if by_motion { PROVEN.min(KEPT * gained * self.kept_share()) } else { -PROVEN }
+        let searched = with.hypothesis.named.last().is_some_and(Instance::has_instants);
+        kept >= if by_motion { least_kept(gained * self.kept_share(), searched) } else { -PROVEN }
     }
 
     /// Whether an effect explains of the recordings kept back a good part of what it does of those it was fitted to.
@@ -458,6 +461,12 @@ impl Case<'_> {
             }
         }
     }
+}
+
+/// By how much an effect has to lower χ² of what was kept back where `expected` of it would be as much as of what was fitted.
+/// An instant that was `searched` for there anew brings what the best of many by chance does, and has to bring more.
+pub fn least_kept(expected: f64, searched: bool) -> f64 {
+    if searched { PROVEN + FORETELLS.min(FORETOLD_IN_PART * expected) } else { PROVEN.min(KEPT * expected) }
 }
 
 /// The largest of the null scores but for two: a simulated start that happens to stick far off is no measure of chance.

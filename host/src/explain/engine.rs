@@ -8,6 +8,7 @@ use super::instance::Instance;
 use super::library::{Parameter, Role};
 use super::linear::Column;
 use super::noise::{self, Noise};
+use super::remainder::ESTIMATED;
 use super::response::Response;
 use super::screen::Stage;
 use super::simulate::simulate;
@@ -227,7 +228,7 @@ impl<'a> Engine<'a> {
     pub fn own_noise(&self, fitted: &Fitted, noise: &Noise) -> Noise {
         let white = noise.map(|joint| joint.white_counts2);
         let own = noise::most_likely(self.setting.rows, &fitted.residual.motion, white, FITTED);
-        self.plausible(&own, MOST_TORQUE_NOISE)
+        self.plausible(&own, ESTIMATED * MOST_TORQUE_NOISE)
     }
 
     /// What noise like this leaves, over all joints, in counts rms.

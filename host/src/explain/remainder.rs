@@ -5,7 +5,7 @@ use super::noise::{self, JointNoise, Noise};
 use super::verdict::{CLOSED, MOST_TORQUE_NOISE};
 
 /// A noise estimated from a few seconds scatters: this factor above what is plausible is still chance.
-const ESTIMATED: f64 = 1.2;
+pub const ESTIMATED: f64 = 1.2;
 /// Slow power of one recording over that of another from which on it is no stationary noise: seconds of it hold some thirty
 /// independent values each, and of a ratio of two such variances 99.9 % lie below.
 const UNEVEN: f64 = 3.5;
