@@ -102,7 +102,10 @@ fn mcap_opens_with_its_reader_and_holds_every_sample() {
         assert_eq!((channel.message_encoding.as_str(), message.log_time), ("json", message.publish_time));
         let schema = channel.schema.as_ref().unwrap();
         assert_eq!(schema.encoding, "jsonschema");
+        // Foxglove takes a schema of JSON for objects of numbers, and says at every level what it is.
         let schema: Value = serde_json::from_slice(&schema.data).unwrap();
+        assert_eq!(schema["type"], "object");
+        assert!(schema["properties"].as_object().unwrap().values().all(|joint| joint["type"] == "object"));
         *topics.entry(channel.topic.clone()).or_default() += 1;
         let value: Value = serde_json::from_slice(&message.data).unwrap();
         for (joint, quantities) in value.as_object().unwrap() {
@@ -124,7 +127,13 @@ fn mcap_opens_with_its_reader_and_holds_every_sample() {
     }
 
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
-    assert_eq!(summary.stats.unwrap().message_count, 180);
+    // PlotJuggler takes channels, their schemas and counts from the summary, and reads no file without one.
+    let statistics = summary.stats.as_ref().unwrap();
+    assert_eq!(statistics.message_count, 180);
+    assert!(summary.channels.keys().all(|channel| statistics.channel_message_counts[channel] == 60));
+    assert!(
+        summary.channels.values().all(|channel| summary.schemas.contains_key(&channel.schema.as_ref().unwrap().id))
+    );
     let metadata = mcap::read::metadata(&bytes, &summary.metadata_indexes[0]).unwrap();
     assert_eq!(metadata.name, "recording");
     for (key, value) in [
