@@ -1,8 +1,8 @@
 //! What a real arm has beyond the plain plant: the library of effects that `explain` names, as numbers in SI units.
 //!
 //! Every effect is there all the time; its size decides whether it shows. With every size at its neutral value
-//! ([`Effects::OFF`]) the extended plant is the plain one to the rounding, and as all is written without branches in
-//! [`Scalar`](crate::scalar::Scalar), derivatives with respect to a size exist there too.
+//! ([`Effects::OFF`]) the extended plant is the plain one to the rounding, and as nothing is left out whose
+//! derivative is not zero too, derivatives with respect to a size exist there as well.
 //!
 //! ```text
 //! command ─ dead zone, limits ─ lag, back-EMF, voltage ─ current ─ torque constant, ripple, cogging, offset

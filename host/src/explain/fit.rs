@@ -11,10 +11,9 @@ use crate::identify::Experiment;
 /// How damped the steps are that one iteration tries side by side.
 const DAMPINGS: [f64; 8] = [0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e2, 1e4];
 
-/// Where a step changes nothing, one this much wider may, so many times: a plant that sets itself a limit (the least inertia
-/// that it leaves a motor) would hold a parameter for good that came to lie beyond it.
+/// Where a step changes nothing, one this much wider may: a plant that sets itself a limit (the least inertia that it leaves a
+/// motor) would hold a parameter for good that came to lie beyond it.
 const WIDER: f64 = 16.0;
-const WIDENED: i32 = 1;
 
 /// What is common to all refits of an experiment.
 pub struct Setting<'a> {
@@ -132,7 +131,7 @@ impl Refit<'_> {
         let mut wanted: Vec<usize> = (0..values.len())
             .filter(|&i| self.unknowns[i].free && self.known_columns.get(i).is_none_or(Option::is_none))
             .collect();
-        for widened in 0..=WIDENED {
+        for wider in [1.0, WIDER] {
             let stepped = |i: usize, step: f64| {
                 let mut point = values.to_vec();
                 point[i] += step;
@@ -141,7 +140,7 @@ impl Refit<'_> {
             // A step that would leave the range, or what can exist, is taken the other way.
             let step = |&i: &usize| {
                 let unknown = &self.unknowns[i];
-                let step = WIDER.powi(widened) * unknown.step;
+                let step = wider * unknown.step;
                 let point = stepped(i, step);
                 let fits = (unknown.range[0]..=unknown.range[1]).contains(&point[i]) && (self.build)(&point).is_some();
                 if fits { step } else { -step }
