@@ -174,7 +174,7 @@ impl<S: Simd, M: SimdMask<S>, const GROUPS: usize> Mask for LaneMask<S, M, GROUP
         let mut all = self.0[0];
         let mut group = 1;
         while group < GROUPS {
-            all = all | self.0[group];
+            all |= self.0[group];
             group += 1;
         }
         all.any_true()
