@@ -92,7 +92,7 @@ impl<S: Scalar> Amplifier<S> {
         let wanted = end_a - current_a;
         let change = wanted.clamp_abs(self.slew * period_s);
         // The share of the step that the change takes.
-        let taken = change.abs() * self.inverse_slew / period_s;
+        let taken = change.abs() * (self.inverse_slew / period_s);
         let kept = change * (-taken.constant(0.5)).mul_add(taken, taken.constant(1.0));
         // Nothing is taken away where the rate is not in the way, not even by rounding.
         (end_a - (wanted - change), mean_a - (wanted - kept))

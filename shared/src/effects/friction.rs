@@ -69,8 +69,9 @@ impl<S: Scalar> Friction<S> {
         let speed = velocity_rad_s.abs() * self.stribeck_per_speed;
         // x² where sharp, x where not.
         let exponent = speed * self.stribeck_sharpness.mul_add(speed - speed.constant(1.0), speed.constant(1.0));
-        let level =
-            self.stribeck.mul_add(decay(exponent), self.load_coefficient.mul_add(gear_torque_nm.abs(), slow_level_nm));
+        // As a wave that is off: nothing to compute.
+        let slow_speed = if self.stribeck.is_zero() { self.stribeck } else { self.stribeck * decay(exponent) };
+        let level = slow_speed + self.load_coefficient.mul_add(gear_torque_nm.abs(), slow_level_nm);
         let level = level.maximum(level.constant(0.0));
         (-level - self.coulomb_asymmetry, level - self.coulomb_asymmetry)
     }

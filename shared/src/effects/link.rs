@@ -47,7 +47,7 @@ impl<S: Scalar> Link<S> {
     #[inline(always)]
     pub fn contact_nm(&self, time_s: S, period_s: S) -> S {
         let shared = (time_s + period_s).minimum(self.contact_end) - time_s.maximum(self.contact_start);
-        self.contact * shared.maximum(shared.constant(0.0)) / period_s
+        self.contact / period_s * shared.maximum(shared.constant(0.0))
     }
 }
 
