@@ -131,7 +131,7 @@ fn check_ticks(observations: &Observations, from_ns: u64, to_ns: u64) {
 ///
 /// The emulator starts an interrupt between two instructions, so what runs meanwhile moves a control tick by some
 /// nanoseconds. An encoder edge that happens just then is counted a tick earlier or later, and the next rows follow that
-/// one count.
+/// one count: up to a tenth of the movement's, where it comes late in it and the arm hangs between two counts at its end.
 fn check_undisturbed(movement: &Movement, reference: &Movement) {
     let pairs = || movement.samples.iter().zip(&reference.samples);
     let differing = pairs().filter(|(ours, theirs)| ours != theirs).count();
@@ -144,7 +144,7 @@ fn check_undisturbed(movement: &Movement, reference: &Movement) {
     println!(
         "{differing} rows differ from the undisturbed movement's, the first {first:?}, by {largest:?} counts at most"
     );
-    assert!(largest <= Some(1) && differing * 20 < reference.samples.len(), "the control was disturbed");
+    assert!(largest <= Some(1) && differing * 10 < reference.samples.len(), "the control was disturbed");
 }
 
 /// What the same movement brings when nothing disturbs it; run once for all tests.
