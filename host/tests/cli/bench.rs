@@ -75,6 +75,17 @@ impl Bench {
     }
 }
 
+/// Lets a script that was written be run.
+#[cfg(unix)]
+pub fn use_as_program(path: &std::path::Path) {
+    use std::os::unix::fs::PermissionsExt as _;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// Nothing marks a program here.
+#[cfg(not(unix))]
+pub fn use_as_program(_path: &std::path::Path) {}
+
 pub fn replace_line(text: &str, line: usize, new: &str) -> String {
     text.lines().enumerate().map(|(at, old)| if at + 1 == line { new } else { old }.to_string() + "\n").collect()
 }

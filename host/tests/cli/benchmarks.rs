@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::bench::{Bench, USAGE, numbers};
+use crate::bench::{Bench, USAGE, numbers, use_as_program};
 use crate::page::Page;
 
 /// Runs a benchmark once for its JSON object and its page.
@@ -67,15 +67,6 @@ fn rates_stand_beside_the_program_that_they_are_compared_with() {
     );
     assert_eq!(page.pictures("Candidates a second").len(), 1);
 }
-
-#[cfg(unix)]
-fn use_as_program(path: &std::path::Path) {
-    use std::os::unix::fs::PermissionsExt as _;
-    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o755)).unwrap();
-}
-
-#[cfg(not(unix))]
-fn use_as_program(_path: &std::path::Path) {}
 
 #[test]
 fn the_papers_experiment_shows_every_seed() {

@@ -14,6 +14,8 @@ mod readme;
 mod report;
 mod robots;
 mod tracking;
+#[cfg(unix)]
+mod udev_rule;
 
 use std::path::Path;
 

@@ -8,7 +8,7 @@ use crate::bench::Bench;
 const README: &str = include_str!("../../../README.md");
 
 /// The `index`-th piece of code of `language` in the section `heading`.
-fn code(heading: &str, language: &str, index: usize) -> &'static str {
+pub fn code(heading: &str, language: &str, index: usize) -> &'static str {
     let section = README.split(&format!("## {heading}\n")).nth(1).expect("the section is there");
     let block = section.split(&format!("```{language}\n")).nth(1 + index).expect("it has code");
     block.split("```").next().unwrap()
