@@ -53,7 +53,8 @@ fn the_commands_for_other_robots_and_programs_do_what_is_shown() {
 #[test]
 fn the_commands_of_the_overview_do_what_is_shown() {
     let bench = Bench::new();
-    run(&bench, "Using it", &["cargo install --path host"]);
+    // `tests/run` installs it, and runs the first command of all.
+    run(&bench, "Using it", &["cargo install --locked --path host"]);
     assert!(bench.path("gap.html").is_file());
     run_code(&bench, code("Using it", "sh", 1), &[]);
     assert!(bench.path("errors.svg").is_file());
