@@ -219,4 +219,14 @@ mod command {
         assert_eq!(code, Some(UNREACHABLE), "{told}");
         assert!(told.contains("no debug probe 0483:374b:NO-SUCH-PROBE was found"), "{told}");
     }
+    #[test]
+    fn a_probe_that_nobody_serves_is_named_with_its_address() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("good.elf"), Elf::sound().bytes()).unwrap();
+        // A port that was just free.
+        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let (code, told) = flash(&folder, &["good.elf", "--probe", &format!("1d50:6018:127.0.0.1:{port}")]);
+        assert_eq!(code, Some(UNREACHABLE), "{told}");
+        assert!(told.contains(&format!("answers at 1d50:6018:127.0.0.1:{port}; check its address")), "{told}");
+    }
 }

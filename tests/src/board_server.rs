@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use armid::link::{Link as _, LinkError};
 
+use crate::emulated_board::probe::DebugProbe;
 use crate::emulated_board::{EmulatedBoard, EmulatedLink};
 
 /// How long the board runs between two looks at the host and the clock.
@@ -28,8 +29,8 @@ const BUSY: &[u8] = b"The emulated board is talking to another host; try again w
 pub enum Pace {
     /// The clock on the wall, as far as this computer is fast enough.
     RealTime,
-    /// The host: the board stands still while it has not heard from one for a while. Then nothing depends on how fast
-    /// this computer is.
+    /// The host: the board stands still while it has not heard from one for a while, nor a debug probe is in use. Then
+    /// nothing depends on how fast this computer is.
     Host,
 }
 
@@ -88,8 +89,10 @@ pub fn serve(
             Err(error) if error.kind() == ErrorKind::WouldBlock => {}
             Err(error) => return Err(error.into()),
         }
-        let board_waits =
-            pace == Pace::Host && host.as_ref().is_none_or(|host| link.now() >= host.heard + LONGEST_SILENCE);
+        let is_probed = board.probe().is_some_and(DebugProbe::is_in_use);
+        let board_waits = pace == Pace::Host
+            && !is_probed
+            && host.as_ref().is_none_or(|host| link.now() >= host.heard + LONGEST_SILENCE);
         if let Some(connected) = &mut host
             && connected.exchange(&mut link, board_waits)?.is_none()
         {

@@ -10,6 +10,7 @@
 //! | `bench` | runs all of it in lock-step |
 //! | `command`, `conversation`, `link` | the way from there to [`armid::client::Client`] |
 //! | [`observations`], `checks` | what is watched from outside meanwhile, and what must always hold |
+//! | [`probe`] | a debug probe on its SWD pins |
 //! | [`control_time`] | how long the control interrupt took |
 //! | [`damage`] | where in the image to hit |
 //!
@@ -34,9 +35,11 @@ mod link;
 pub mod nucleo;
 pub mod observations;
 mod part;
+pub mod probe;
 pub mod usb;
 mod wire;
 
+use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
@@ -59,6 +62,7 @@ use conversation::Conversation;
 pub use link::EmulatedLink;
 use nucleo::Nucleo;
 use observations::Observations;
+use probe::DebugProbe;
 use usb::UsbAction;
 
 use crate::line::Trouble;
@@ -86,12 +90,16 @@ pub enum EmulationError {
     /// The emulator gave up.
     #[error("the emulator gave up: {0}")]
     Emulator(#[from] emulator::Error),
+    /// A port of this computer for the debug probe cannot be had.
+    #[error("no port can be had for the debug probe: {0}")]
+    Probe(std::io::Error),
 }
 
 /// A board that runs the firmware image, in a thread of its own.
 pub struct EmulatedBoard {
     conversation: Arc<Mutex<Conversation>>,
     thread: JoinHandle<Result<Observations, EmulationError>>,
+    probe: Option<DebugProbe>,
 }
 
 impl EmulatedBoard {
@@ -109,6 +117,31 @@ impl EmulatedBoard {
         hidden: &HiddenRobot,
         flash: &MemoryFlash,
     ) -> Result<Self, EmulationError> {
+        Self::start_on(firmware, robot, hidden, flash, None)
+    }
+
+    /// As [`Self::start_with`], with a debug probe on a port of this computer, 0 for any.
+    pub fn start_with_probe(
+        firmware: &Path,
+        robot: &Robot,
+        hidden: &HiddenRobot,
+        flash: &MemoryFlash,
+        port: u16,
+    ) -> Result<Self, EmulationError> {
+        let debugger = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).map_err(EmulationError::Probe)?;
+        let address = debugger.local_addr().map_err(EmulationError::Probe)?;
+        let mut board = Self::start_on(firmware, robot, hidden, flash, Some(debugger))?;
+        board.probe = Some(DebugProbe::start(port, address).map_err(EmulationError::Probe)?);
+        Ok(board)
+    }
+
+    fn start_on(
+        firmware: &Path,
+        robot: &Robot,
+        hidden: &HiddenRobot,
+        flash: &MemoryFlash,
+        debugger: Option<TcpListener>,
+    ) -> Result<Self, EmulationError> {
         let parameters = Image::new(Path::new("parameters"), flash.to_bytes(), Some(flash::PARAMETERS.start))?;
         let images = [Image::read(firmware, None)?, parameters];
         let session = Session::new(Box::new(Nucleo::new()?), 0, VirtualNanos(0))?;
@@ -116,13 +149,20 @@ impl EmulatedBoard {
         let (answers, answer_receiver) = mpsc::channel();
         let bench = Bench::new(SimulatedArm::new(robot, hidden), commands, answers);
         let thread = std::thread::spawn(move || {
-            let finished = emulator::run(session, &Start::new(&images), bench)?;
+            let mut start = Start::new(&images);
+            start.debugger = debugger.as_ref();
+            let finished = emulator::run(session, &start, bench)?;
             let mut observations = finished.driver.into_observations();
             observations.complete(&finished.session);
             Ok(observations)
         });
         let conversation = Arc::new(Mutex::new(Conversation::new(command_sender, answer_receiver)));
-        Ok(Self { conversation, thread })
+        Ok(Self { conversation, thread, probe: None })
+    }
+
+    /// Its debug probe, if it was started with one.
+    pub fn probe(&self) -> Option<&DebugProbe> {
+        self.probe.as_ref()
     }
 
     /// Its serial line.
@@ -221,7 +261,9 @@ impl EmulatedBoard {
     }
 
     /// Switches the board off and says what was watched.
-    pub fn finish(self) -> Result<Observations, EmulationError> {
+    pub fn finish(mut self) -> Result<Observations, EmulationError> {
+        // A core that it holds would not hear of the end.
+        self.probe = None;
         self.with(Conversation::end);
         self.thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }

@@ -41,7 +41,7 @@ pub struct Flash {
     /// Image to flash; without it, the one built here
     #[arg(value_name = "ELF")]
     elf: Option<PathBuf>,
-    /// Debug probe: VID:PID or VID:PID:SERIAL, as --list prints it
+    /// Debug probe: VID:PID or VID:PID:SERIAL, as --list prints it; a Black Magic Probe on a network is 1d50:6018:IP:PORT
     #[arg(long, value_name = "VID:PID:SERIAL", env = "ARMID_PROBE")]
     probe: Option<Selector>,
     /// List the connected debug probes and end
@@ -61,7 +61,7 @@ pub struct Flash {
 impl Flash {
     pub fn run(&self) -> Result<(), CommandError> {
         if self.list {
-            return self.print_list(&probe::list());
+            return self.print_list(&probe::list(self.probe.as_ref()));
         }
         let path = match &self.elf {
             Some(path) => path.clone(),
@@ -69,7 +69,7 @@ impl Flash {
         };
         let image = FirmwareImage::read(&path)?;
         advise(format!("{}: {} bytes", path.display(), image.size()));
-        let found = probe::list();
+        let found = probe::list(self.probe.as_ref());
         let chosen = probe::choose(&found, self.probe.as_ref())?;
         self.refuse_while_moving(chosen)?;
         probe::flash(chosen, &image, self.erase_parameters)?;

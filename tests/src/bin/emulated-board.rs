@@ -8,9 +8,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use armid::hidden_robot::HiddenRobot;
+use armid::link::MemoryFlash;
 use armid::robot::Robot;
 use armid_tests::board_server::{Pace, ServerEvent, serve};
-use armid_tests::emulated_board::{EmulatedBoard, FIRMWARE_VARIABLE};
+use armid_tests::emulated_board::{EmulatedBoard, EmulationError, FIRMWARE_VARIABLE};
 use clap::Parser;
 
 /// Exit codes as armid has them.
@@ -28,6 +29,9 @@ struct Arguments {
     /// Port on 127.0.0.1; 0 takes any that is free
     #[arg(long, default_value_t = 7429)]
     port: u16,
+    /// Port on 127.0.0.1 for a debug probe, a Black Magic Probe to `armid flash` and probe-rs; 0 takes any that is free
+    #[arg(long, value_name = "PORT")]
+    probe_port: Option<u16>,
     /// Seed of the arm's hidden parameters
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -57,12 +61,22 @@ fn run(arguments: &Arguments) -> Result<(), (u8, String)> {
         None => Robot::paper(),
     };
     let hidden = HiddenRobot::draw(&robot, arguments.seed);
-    let board = EmulatedBoard::start(&arguments.firmware, &robot, &hidden)
-        .map_err(|error| bad_file(&format!("{}: {error}", arguments.firmware.display())))?;
+    let (firmware, blank) = (&arguments.firmware, MemoryFlash::default());
+    let board = match arguments.probe_port {
+        Some(port) => EmulatedBoard::start_with_probe(firmware, &robot, &hidden, &blank, port),
+        None => EmulatedBoard::start(firmware, &robot, &hidden),
+    };
+    let board = board.map_err(|error| match error {
+        EmulationError::Probe(_) => failed(&error),
+        _ => bad_file(&format!("{}: {error}", firmware.display())),
+    })?;
     let listener = TcpListener::bind(("127.0.0.1", arguments.port))
         .map_err(|error| failed(&format!("port {} cannot be had: {error}; choose another --port", arguments.port)))?;
     let address = listener.local_addr().map_err(|error| failed(&error))?;
     println!("tcp:{address}");
+    if let Some(probe) = board.probe() {
+        println!("{}", probe.selector());
+    }
     eprintln!("try: armid record --board tcp:{address} --pose 0,0");
     let pace = if arguments.unpaced { Pace::Host } else { Pace::RealTime };
     let mut lag = Duration::ZERO;

@@ -227,6 +227,11 @@ impl Bench {
 }
 
 impl Driver<Nucleo> for Bench {
+    fn on_debugger_attached(&mut self, _at: VirtualNanos, _instruction_count: u64, attached: bool) {
+        self.flash.set_probed(attached);
+        self.observations.was_probed |= attached;
+    }
+
     fn on_settled(&mut self, session: &mut Session<Nucleo>, host: &mut dyn Host, settled: Settled) {
         let Settled::Access { access, value } = settled else { return };
         self.watch_flash(session.board_mut(), host, &access);

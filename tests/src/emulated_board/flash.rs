@@ -3,8 +3,9 @@
 //!
 //! Modelled: words programmed bit by bit from 1 to 0 (RM0090, 3.6.4) in 16 µs, sectors erased at the end of the
 //! emulator's erasure, and both left half way by a power cut. Everything the firmware must not do is told: other widths,
-//! a locked controller, an operation during another, a place outside the two sectors for parameters. Left out: that
-//! reading bank 2 waits during an operation, and caches.
+//! a locked controller, an operation during another, a place outside the two sectors for parameters. A debug probe's code
+//! may write everywhere, and erase in whatever width; it does not wait, because an image would take minutes here. Left out:
+//! that reading bank 2 waits during an operation, and caches.
 
 use std::ops::Range;
 
@@ -21,13 +22,13 @@ use super::nucleo::Nucleo;
 pub const PARAMETERS: Range<u64> = 0x081C_0000..0x0820_0000;
 
 /// All of the flash memory.
-const WHOLE: Range<u64> = 0x0800_0000..0x0820_0000;
+pub const WHOLE: Range<u64> = 0x0800_0000..0x0820_0000;
 
-const SECTOR_BYTES: u64 = 128 << 10;
+const BANK_BYTES: u64 = 1 << 20;
 const WORD_BYTES: u64 = 4;
 
-/// Numbers of the two sectors in the control register.
-const SECTOR_NUMBERS: Range<u64> = 26..28;
+/// In the number of a sector, which bank it is in.
+const SECOND_BANK: u64 = 16;
 
 /// Words of 32 bits in the control register.
 const PSIZE_32: u64 = 2;
@@ -74,7 +75,8 @@ pub enum Fate {
 #[derive(Debug, Default)]
 pub struct FlashArray {
     busy_until_ns: Option<u64>,
-    erasing: Option<u64>,
+    erasing: Option<Range<u64>>,
+    is_probed: bool,
 }
 
 impl FlashArray {
@@ -101,14 +103,22 @@ impl FlashArray {
         let control = board.flash_register(Register::Cr);
         let started = is_write && access.address == CONTROL_REGISTER && cr::STRT.is_set(control);
         if started && self.erasing.is_none() {
-            let number = cr::SNB.get(control);
-            if !SECTOR_NUMBERS.contains(&number) || !cr::SER.is_set(control) || cr::PSIZE.get(control) != PSIZE_32 {
+            let sector = sector(cr::SNB.get(control)).filter(|sector| self.may_change(sector.start));
+            let (Some(sector), true, true) =
+                (sector, cr::SER.is_set(control), self.is_probed || cr::PSIZE.get(control) == PSIZE_32)
+            else {
                 return Some(Err(format!("erasure with {control:#010x} in the control register at {at_ns} ns")));
-            }
-            let address = PARAMETERS.start + (number - SECTOR_NUMBERS.start) * SECTOR_BYTES;
+            };
+            let address = sector.start;
             match fate() {
-                Fate::Whole => self.erasing = Some(address),
-                fate @ Fate::Torn(_) => erase(host, address, fate),
+                Fate::Whole if self.is_probed => {
+                    erase(host, sector, Fate::Whole);
+                    board.set_flash_register(Register::Cr, cr::STRT.set(control, 0));
+                    let status = board.flash_register(Register::Sr);
+                    board.set_flash_register(Register::Sr, sr::BSY.set(status, 0));
+                }
+                Fate::Whole => self.erasing = Some(sector),
+                fate @ Fate::Torn(_) => erase(host, sector, fate),
             }
             return Some(Ok(FlashOperation::Erase { address }));
         }
@@ -122,17 +132,25 @@ impl FlashArray {
             let status = board.flash_register(Register::Sr);
             board.set_flash_register(Register::Sr, sr::BSY.set(status, 0));
         }
-        if let Some(address) = self.erasing
-            && !sr::BSY.is_set(board.flash_register(Register::Sr))
+        if !sr::BSY.is_set(board.flash_register(Register::Sr))
+            && let Some(sector) = self.erasing.take()
         {
-            self.erasing = None;
-            erase(host, address, Fate::Whole);
+            erase(host, sector, Fate::Whole);
         }
     }
 
     /// Power failed: nothing goes on.
     pub fn power_failed(&mut self) {
-        *self = Self::default();
+        *self = Self { is_probed: self.is_probed, ..Self::default() };
+    }
+
+    /// A debug probe has hold of the core, or has let it go.
+    pub fn set_probed(&mut self, is_probed: bool) {
+        self.is_probed = is_probed;
+    }
+
+    fn may_change(&self, address: u64) -> bool {
+        self.is_probed || PARAMETERS.contains(&address)
     }
 
     fn program(
@@ -145,7 +163,7 @@ impl FlashArray {
         let Access { address, width, value, virtual_time, .. } = *access;
         let control = board.flash_register(Register::Cr);
         let status = board.flash_register(Register::Sr);
-        let is_right = PARAMETERS.contains(&address)
+        let is_right = self.may_change(address)
             && address.is_multiple_of(WORD_BYTES)
             && width == Width::W32
             && cr::PG.is_set(control)
@@ -165,14 +183,29 @@ impl FlashArray {
             Fate::Torn(number) => held & (value | scrambled(number)),
         };
         host.program(address, Width::W32, programmed).map_err(|error| error.to_string())?;
-        board.set_flash_register(Register::Sr, sr::BSY.set(status, 1));
-        self.busy_until_ns = Some(virtual_time.0 + PROGRAM_NS);
+        if !self.is_probed {
+            board.set_flash_register(Register::Sr, sr::BSY.set(status, 1));
+            self.busy_until_ns = Some(virtual_time.0 + PROGRAM_NS);
+        }
         Ok(FlashOperation::Program { address })
     }
 }
 
-fn erase(host: &mut dyn Host, sector: u64, fate: Fate) {
-    for address in (sector..sector + SECTOR_BYTES).step_by(WORD_BYTES as usize) {
+/// Where the sector of that number is: in each bank four of 16 KiB, one of 64, seven of 128 (RM0090, table 6).
+fn sector(number: u64) -> Option<Range<u64>> {
+    let (bank, number) = (number / SECOND_BANK, number % SECOND_BANK);
+    let (from, to) = match number {
+        0..4 => (number << 14, (number + 1) << 14),
+        4 => (1 << 16, 1 << 17),
+        5..12 => ((number - 4) << 17, (number - 3) << 17),
+        _ => return None,
+    };
+    let base = WHOLE.start + bank * BANK_BYTES;
+    Some(base + from..base + to)
+}
+
+fn erase(host: &mut dyn Host, sector: Range<u64>, fate: Fate) {
+    for address in sector.step_by(WORD_BYTES as usize) {
         let erased = match fate {
             Fate::Whole => u64::from(u32::MAX),
             Fate::Torn(number) => match host.read(address, Width::W32) {

@@ -3,7 +3,7 @@
 use rigless::device::ResetCause;
 use rigless::session::Session;
 
-use super::flash::{FlashOperation, PARAMETERS};
+use super::flash::{FlashOperation, PARAMETERS, WHOLE};
 use super::nucleo::{CORE_CLOCK_HZ, INSTRUCTIONS_PER_SECOND, Nucleo, Outputs};
 use super::usb::Enumerated;
 use crate::line::Losses;
@@ -91,6 +91,8 @@ pub struct Observations {
     pub flash_uses: Vec<FlashUse>,
     /// What was done to the flash memory that must not be.
     pub flash_faults: Vec<String>,
+    /// Whether a debug probe ever had hold of the core: its code may write to all of the flash memory.
+    pub was_probed: bool,
     /// Encoder edges put out for each joint.
     pub edges: [u64; 2],
     /// Joint angles in rad at the end.
@@ -115,8 +117,9 @@ impl Observations {
         self.restarts =
             session.resets().iter().map(|reset| Restart { at_ns: reset.at.0, cause: reset.cause }).collect();
         let registers = session.unimplemented().values().map(|gap| format!("{} {}", gap.instance, gap.register));
-        // Stores into these two sectors are answered by the bench's own model, of which the emulator does not know.
-        let answered = |address: u64| PARAMETERS.contains(&address);
+        // Stores into these sectors are answered by the bench's own model, of which the emulator does not know.
+        let written = if self.was_probed { WHOLE } else { PARAMETERS };
+        let answered = |address: u64| written.contains(&address);
         let unmapped = session.unmapped().into_iter().filter(|gap| !answered(gap.address));
         let nowhere = unmapped.map(|gap| format!("{:#010x}", gap.address));
         let refusals = session.refused().iter().filter(|(address, _)| !answered(**address));

@@ -2,13 +2,14 @@
 
 use std::cell::RefCell;
 use std::fmt;
+use std::net::SocketAddr;
 use std::str::FromStr;
 use std::time::Duration;
 
 use armid::firmware_image::{FirmwareImage, PARAMETER_FLASH};
 use indicatif::ProgressBar;
 use probe_rs::flashing::{self, DownloadOptions, FlashProgress, ProgressEvent, ProgressOperation};
-use probe_rs::probe::{DebugProbeSelector, list::Accessibility, list::Lister};
+use probe_rs::probe::{DebugProbeError, DebugProbeSelector, WireProtocol, list::Accessibility, list::Lister};
 use probe_rs::{Permissions, Session};
 
 use super::super::progress;
@@ -55,6 +56,9 @@ pub enum ProbeError {
         /// What the library says.
         reason: String,
     },
+    /// Nor does one on the network.
+    #[error("no debug probe answers at {0}; check its address and port, and that no other program uses it")]
+    OnNetwork(Selector),
     /// The chip does not answer.
     #[error(
         "no {CHIP} answers to the debug probe {probe}: {reason}; check the board's power, and both jumpers CN4 between \
@@ -80,6 +84,20 @@ pub struct Selector {
     pub vendor_id: u16,
     pub product_id: u16,
     pub serial_number: Option<String>,
+}
+
+impl Selector {
+    /// A Black Magic Probe behind a network address.
+    fn is_on_network(&self) -> bool {
+        self.serial_number.as_ref().is_some_and(|address| address.parse::<SocketAddr>().is_ok())
+    }
+}
+
+impl From<&Selector> for DebugProbeSelector {
+    fn from(selector: &Selector) -> Self {
+        let Selector { vendor_id, product_id, serial_number } = selector.clone();
+        Self { vendor_id, product_id, interface: None, serial_number }
+    }
 }
 
 impl FromStr for Selector {
@@ -118,9 +136,9 @@ impl fmt::Display for Found {
     }
 }
 
-/// Every probe connected.
-pub fn list() -> Vec<Found> {
-    let found = Lister::new().list_all_with_access();
+/// Every probe connected; and the one meant, where that is one on the network, which nobody can look for.
+pub fn list(wanted: Option<&Selector>) -> Vec<Found> {
+    let found = Lister::new().list_with_access(wanted.filter(|wanted| wanted.is_on_network()).map(Into::into).as_ref());
     let found = found.into_iter().map(|item| Found {
         selector: Selector {
             vendor_id: item.info.vendor_id,
@@ -182,15 +200,13 @@ pub fn flash(probe: &Found, image: &FirmwareImage, erase_parameters: bool) -> Re
 }
 
 fn attach(selector: &Selector) -> Result<Session, ProbeError> {
-    let wanted = DebugProbeSelector {
-        vendor_id: selector.vendor_id,
-        product_id: selector.product_id,
-        interface: None,
-        serial_number: selector.serial_number.clone(),
+    let failed = |error: DebugProbeError| match selector.clone() {
+        probe if probe.is_on_network() => ProbeError::OnNetwork(probe),
+        probe => ProbeError::Open { probe, reason: with_causes(&error) },
     };
-    let probe = Lister::new()
-        .open(wanted)
-        .map_err(|error| ProbeError::Open { probe: selector.clone(), reason: with_causes(&error) })?;
+    let mut probe = Lister::new().open(DebugProbeSelector::from(selector)).map_err(failed)?;
+    // The board brings out these two wires alone; some probes choose none by themselves.
+    probe.select_protocol(WireProtocol::Swd).map_err(failed)?;
     probe
         .attach(CHIP, Permissions::default())
         .map_err(|error| ProbeError::Attach { probe: selector.clone(), reason: with_causes(&error) })
@@ -261,6 +277,16 @@ mod tests {
     }
 
     #[test]
+    fn a_probe_on_the_network_is_taken_at_its_word_when_it_is_named() {
+        let wanted: Selector = "1d50:6018:127.0.0.1:2022".parse().unwrap();
+        let found = list(Some(&wanted));
+        assert_eq!(choose(&found, Some(&wanted)).unwrap().selector, wanted);
+        // Only of this kind there are such.
+        let other: Selector = "0483:374b:127.0.0.1:2022".parse().unwrap();
+        assert!(choose(&list(Some(&other)), Some(&other)).unwrap_err().to_string().contains("was found"));
+    }
+
+    #[test]
     fn the_probe_meant_is_taken_or_the_others_are_listed() {
         let probes = [found("A1", true), found("B2", false)];
         assert_eq!(choose(&probes[..1], None).unwrap(), &probes[0]);
@@ -279,7 +305,7 @@ mod tests {
         assert!(other.contains("A1") && other.contains("B2"), "{other}");
     }
 
-    /// No probe can be imitated far enough to run its chip's erasing code, but the plan for it can be checked.
+    /// Erasing and programming itself is tested on the emulated chip (`tests/tests/emulated_flash.rs`).
     #[test]
     fn the_chip_takes_program_and_parameters_where_they_are_put() {
         let target = Registry::from_builtin_families().get_target_by_name(CHIP).expect("a known chip");
