@@ -225,3 +225,17 @@ fn scrambled(number: u64) -> u64 {
     bits = (bits ^ bits >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
     (bits ^ bits >> 31) & u64::from(u32::MAX)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sectors_follow_each_other_and_the_last_two_hold_the_parameters() {
+        let sectors: Vec<Range<u64>> = (0..2 * SECOND_BANK).filter_map(sector).collect();
+        assert_eq!(sectors.len(), 24);
+        assert_eq!((sectors[0].start, sectors[23].end), (WHOLE.start, WHOLE.end));
+        assert!(sectors.windows(2).all(|two| two[0].end == two[1].start));
+        assert_eq!(sectors[22].start, PARAMETERS.start);
+    }
+}
