@@ -134,6 +134,7 @@ fn innovation_rms(robot: &Robot, segment: &Segment, extended: &ExtendedPlant<f64
     for k in 0..segment.error_counts.len() {
         let innovation = model.tick(&RecordedSample {
             reference_counts: segment.reference_counts[k],
+            next_reference_counts: segment.reference_counts[k],
             measured_counts: segment.measured_counts[k],
             command_a: segment.command_a[k],
             added_torque_nm: [0.0; 2],

@@ -32,7 +32,7 @@ pub struct ReplaySettings {
     pub timing: SampledTiming,
     /// Whether the recorded counts were truncated by `fix()`.
     pub quantised: bool,
-    /// Integration steps per record period, at least 1.
+    /// Integration steps per record period, at least 1; raised to the loop's ticks where those are more, but for 1.
     pub substeps: u32,
 }
 
@@ -48,9 +48,9 @@ struct Model<S, M> {
 }
 
 impl<S: Scalar, M: Machine<S>> Model<S, M> {
-    fn new(machine: M, settings: &ReplaySettings) -> Self {
-        let substeps = settings.substeps.max(1);
-        let substep_s = settings.timing.record_period_s / f64::from(substeps);
+    /// A model whose inputs are held for `period_s` and integrated in so many steps.
+    fn new(machine: M, settings: &ReplaySettings, period_s: f64, substeps: u32) -> Self {
+        let substep_s = period_s / f64::from(substeps);
         Self {
             machine,
             quantised: settings.quantised,
@@ -67,7 +67,7 @@ impl<S: Scalar, M: Machine<S>> Model<S, M> {
         if self.quantised { [mean_count(exact[0]), mean_count(exact[1])] } else { exact }
     }
 
-    /// One record period under a held input that takes over from `previous` after the command delay. Inputs of the
+    /// One period under a held input that takes over from `previous` after the command delay. Inputs of the
     /// two within one substep are averaged: the velocity is then exact and the position off by under 0.001 count.
     #[inline(always)]
     fn advance_held(&self, motion: &M::Motion, previous: [S; 2], input: [S; 2], added: [S; 2]) -> M::Motion {
@@ -94,10 +94,11 @@ pub struct ClosedLoopTick<S> {
 
 /// The model arm under the robot's own position loop.
 ///
-/// Where the loop runs once per record period the torque is held and integrated by the implicit midpoint rule. Where
-/// it runs faster the loop is emulated at the substep: symplectic Euler with the feedback taken at the substep's
-/// start, and the delay Td = loop period/2 + command delay applied to first order, `e(t − Td) ≈ e − Td ė`. Between two
-/// samples the reference is continued at the speed it had.
+/// The torque is held from tick to tick of the loop and integrated by the implicit midpoint rule. Where the loop runs faster
+/// than the recording, each of its ticks is simulated, with the reference on a parabola through three samples; of the
+/// encoder's rounding between the samples only the mean is kept. With one step a record period such a loop is emulated:
+/// symplectic Euler with the feedback taken at the start, and the delay Td = loop period/2 + command delay applied to first
+/// order, `e(t − Td) ≈ e − Td ė`. That is quick and good enough to search by, not to judge by.
 #[derive(Clone, Copy, Debug)]
 pub struct ClosedLoop<S: Scalar, L, M: Machine<S> = PlainMachine<S>> {
     model: Model<S, M>,
@@ -108,11 +109,17 @@ pub struct ClosedLoop<S: Scalar, L, M: Machine<S> = PlainMachine<S>> {
     previous_reference: Option<[S; 2]>,
 }
 
+/// How a loop that is faster than the recording is followed.
 #[derive(Clone, Copy, Debug)]
-struct FastLoop<S> {
-    /// How late each joint's feedback acts, its lead taken off.
-    delay_s: [S; 2],
-    record_period_s: S,
+enum FastLoop<S> {
+    /// Tick by tick, so many a record period.
+    Ticks(u32),
+    /// In one step.
+    Emulated {
+        /// How late each joint's feedback acts, its lead taken off.
+        delay_s: [S; 2],
+        record_period_s: S,
+    },
 }
 
 impl<S: Scalar, L: PositionLaw<S>> ClosedLoop<S, L> {
@@ -127,13 +134,22 @@ impl<S: Scalar, L: PositionLaw<S>, M: Machine<S>> ClosedLoop<S, L, M> {
     pub fn of(machine: M, mut laws: [L; 2], settings: &ReplaySettings, motion: M::Motion) -> Self {
         let timing = &settings.timing;
         let number = |value| machine.number(value);
-        let fast = timing.loop_is_faster_than_recording().then(|| {
+        let substeps = settings.substeps.max(1);
+        let (mut period_s, mut held_substeps, mut fast) = (timing.record_period_s, substeps, None);
+        if timing.loop_is_faster_than_recording() && substeps > 1 {
+            let ticks = timing.ticks_per_record();
+            (period_s, held_substeps) = (period_s / f64::from(ticks), substeps.div_ceil(ticks));
+            fast = Some(FastLoop::Ticks(ticks));
+        } else if timing.loop_is_faster_than_recording() {
             let delay_s = number(0.5 * timing.loop_period_s + timing.command_delay_s);
             let mut late = |joint: usize| delay_s - laws[joint].take_lead() * number(timing.loop_period_s);
-            FastLoop { delay_s: [late(0), late(1)], record_period_s: number(timing.record_period_s) }
-        });
+            fast = Some(FastLoop::Emulated {
+                delay_s: [late(0), late(1)],
+                record_period_s: number(timing.record_period_s),
+            });
+        }
         Self {
-            model: Model::new(machine, settings),
+            model: Model::new(machine, settings, period_s, held_substeps),
             laws,
             motion,
             previous_input: [number(0.0); 2],
@@ -148,14 +164,28 @@ impl<S: Scalar, L: PositionLaw<S>, M: Machine<S>> ClosedLoop<S, L, M> {
         &self.motion
     }
 
-    /// One record period: the error and command at its start, then the motion to the next. `added_torque_nm` is a
-    /// known motor torque beside the controller's, usually zero.
+    /// One record period: the error and command at its start, then the motion to the next. The reference at the next sample
+    /// matters only where the loop is faster than the recording. `added_torque_nm` is a known motor torque beside the
+    /// controller's, usually zero.
     #[inline(always)]
-    pub fn tick(&mut self, reference_counts: [S; 2], added_torque_nm: [S; 2]) -> ClosedLoopTick<S> {
+    pub fn tick(
+        &mut self,
+        reference_counts: [S; 2],
+        next_reference_counts: [S; 2],
+        added_torque_nm: [S; 2],
+    ) -> ClosedLoopTick<S> {
         let actual = self.model.counts(&self.motion);
         let error = [reference_counts[0] - actual[0], reference_counts[1] - actual[1]];
+        let course = [0, 1].map(|joint: usize| {
+            let before = self.previous_reference.map(|before| before[joint]);
+            Course::new(before, reference_counts[joint], next_reference_counts[joint])
+        });
         let command = match self.fast {
-            Some(fast) => self.advance_fast(&fast, reference_counts, added_torque_nm),
+            Some(FastLoop::Ticks(ticks)) => self.advance_ticks(ticks, &course, added_torque_nm),
+            Some(FastLoop::Emulated { delay_s, record_period_s }) => {
+                let rate = [0, 1].map(|joint: usize| course[joint].slope / record_period_s);
+                self.advance_emulated(reference_counts, rate, delay_s, added_torque_nm)
+            }
             None => {
                 let command = self.command_a(reference_counts, actual);
                 if self.previous_reference.is_none() {
@@ -176,7 +206,7 @@ impl<S: Scalar, L: PositionLaw<S>, M: Machine<S>> ClosedLoop<S, L, M> {
         self.motion = self.model.machine.begun(&self.motion, self.previous_input);
     }
 
-    /// One record period under a command that is held.
+    /// One period under a command that is held.
     #[inline(always)]
     fn advance_held(&mut self, command_a: [S; 2], added_torque_nm: [S; 2]) {
         let input = self.model.machine.input(command_a);
@@ -192,40 +222,74 @@ impl<S: Scalar, L: PositionLaw<S>, M: Machine<S>> ClosedLoop<S, L, M> {
         ]
     }
 
-    /// One record period of a loop that runs faster than the recording; gives the command at its start.
+    /// One record period of a loop that runs faster than the recording, tick by tick; gives the command at its start.
     #[inline(always)]
-    fn advance_fast(&mut self, fast: &FastLoop<S>, reference_counts: [S; 2], added_torque_nm: [S; 2]) -> [S; 2] {
-        let substep_s = self.model.substep_s;
-        let before = self.previous_reference.unwrap_or(reference_counts);
-        let reference_rate =
-            [0, 1].map(|joint: usize| (reference_counts[joint] - before[joint]) / fast.record_period_s);
-        let mut reference = reference_counts;
+    fn advance_ticks(&mut self, ticks: u32, course: &[Course<S>; 2], added_torque_nm: [S; 2]) -> [S; 2] {
         let mut first_command = None;
-        let counts_per_rad = self.model.machine.counts_per_rad();
-        for _ in 0..self.model.substeps {
+        for tick in 0..ticks {
+            let share = self.model.substep_s.constant(f64::from(tick) / f64::from(ticks));
             let actual = self.model.counts(&self.motion);
-            let velocity = self.model.machine.state(&self.motion).velocity_rad_s;
-            // The loop sees the error of Td ago: the reference's and the motor's travel since then come off.
-            let seen = [0, 1].map(|joint: usize| {
-                let rate = velocity[joint] * counts_per_rad[joint];
-                actual[joint] + fast.delay_s[joint] * (reference_rate[joint] - rate)
-            });
-            let command = self.command_a(reference, seen);
-            let machine = &self.model.machine;
-            let input = machine.input(command);
-            let held = machine.fresh(input, added_torque_nm);
-            let starts = self.previous_reference.is_none() && first_command.is_none();
-            self.motion = if starts {
-                machine.start_symplectic(&machine.begun(&self.motion, input), &held, substep_s)
-            } else {
-                machine.step_symplectic(&self.motion, &held, substep_s)
-            };
-            first_command.get_or_insert(command);
-            for joint in 0..2 {
-                reference[joint] += reference_rate[joint] * substep_s;
+            let command = self.command_a([course[0].at(share), course[1].at(share)], actual);
+            if self.previous_reference.is_none() && first_command.is_none() {
+                self.begin(command);
             }
+            self.advance_held(command, added_torque_nm);
+            first_command.get_or_insert(command);
         }
-        first_command.unwrap_or([substep_s.constant(0.0); 2])
+        first_command.unwrap_or([self.model.substep_s.constant(0.0); 2])
+    }
+
+    /// The same in one step.
+    #[inline(always)]
+    fn advance_emulated(
+        &mut self,
+        reference_counts: [S; 2],
+        reference_rate: [S; 2],
+        delay_s: [S; 2],
+        added_torque_nm: [S; 2],
+    ) -> [S; 2] {
+        let counts_per_rad = self.model.machine.counts_per_rad();
+        let actual = self.model.counts(&self.motion);
+        let velocity = self.model.machine.state(&self.motion).velocity_rad_s;
+        // The loop sees the error of Td ago: the reference's and the motor's travel since then come off.
+        let seen = [0, 1].map(|joint: usize| {
+            let rate = velocity[joint] * counts_per_rad[joint];
+            actual[joint] + delay_s[joint] * (reference_rate[joint] - rate)
+        });
+        let command = self.command_a(reference_counts, seen);
+        let machine = &self.model.machine;
+        let input = machine.input(command);
+        let held = machine.fresh(input, added_torque_nm);
+        self.motion = if self.previous_reference.is_none() {
+            machine.start_symplectic(&machine.begun(&self.motion, input), &held, self.model.substep_s)
+        } else {
+            machine.step_symplectic(&self.motion, &held, self.model.substep_s)
+        };
+        command
+    }
+}
+
+/// The reference of one joint from a sample to the next, in counts: a parabola through three samples.
+#[derive(Clone, Copy, Debug)]
+pub struct Course<S> {
+    here: S,
+    slope: S,
+    bend: S,
+}
+
+impl<S: Scalar> Course<S> {
+    /// Through the sample here, the one before and the next; without one before, it begins as it goes on.
+    #[inline(always)]
+    pub fn new(before: Option<S>, here: S, next: S) -> Self {
+        let half = here.constant(0.5);
+        let before = before.unwrap_or(here + here - next);
+        Self { here, slope: half * (next - before), bend: half * (next + before) - here }
+    }
+
+    /// After this share of the record period, from 0 to 1.
+    #[inline(always)]
+    pub fn at(&self, share: S) -> S {
+        share.mul_add(share.mul_add(self.bend, self.slope), self.here)
     }
 }
 
@@ -242,6 +306,8 @@ pub struct Innovations<S: Scalar, L, M: Machine<S> = PlainMachine<S>> {
 pub struct RecordedSample<S> {
     /// Reference in counts.
     pub reference_counts: [S; 2],
+    /// The same at the next sample; it matters only where the loop is faster than the recording.
+    pub next_reference_counts: [S; 2],
     /// Measured motor position in counts: the middle of the truncated count's cell.
     pub measured_counts: [S; 2],
     /// Command computed at this tick in A, applied after the command delay.
@@ -290,7 +356,7 @@ impl<S: Scalar, L: PositionLaw<S>, M: Machine<S>> Innovations<S, L, M> {
             [self.velocity_gain * innovation_rad[0], self.velocity_gain * innovation_rad[1]],
         );
         if self.closed.fast.is_some() {
-            self.closed.tick(sample.reference_counts, sample.added_torque_nm);
+            self.closed.tick(sample.reference_counts, sample.next_reference_counts, sample.added_torque_nm);
         } else {
             if self.closed.previous_reference.is_none() {
                 self.closed.begin(sample.command_a);

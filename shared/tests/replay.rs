@@ -45,6 +45,11 @@ fn default_recording(quantised: bool) -> Vec<Tick> {
     record(Robot::new(plant(), laws(DEFAULT_GAINS, 0.0), quantised, PERIOD_S))
 }
 
+/// The reference at the sample after the `k`-th; after the last it stands still.
+fn next_reference(recording: &[Tick], k: usize) -> [f64; 2] {
+    recording.get(k + 1).unwrap_or(&recording[k]).reference
+}
+
 /// Recorded less modelled errors of both joints.
 fn differences(
     recording: &[Tick],
@@ -54,8 +59,9 @@ fn differences(
 ) -> [Vec<f64>; 2] {
     let start = Robot::new(*model, laws, false, PERIOD_S).state;
     let mut closed = ClosedLoop::new(model, laws, settings, start);
-    let ticks: Vec<[f64; 2]> =
-        recording.iter().map(|tick| closed.tick(tick.reference, [0.0; 2]).error_counts).collect();
+    let ticks: Vec<[f64; 2]> = (0..recording.len())
+        .map(|k| closed.tick(recording[k].reference, next_reference(recording, k), [0.0; 2]).error_counts)
+        .collect();
     [0, 1].map(|j| recording.iter().zip(&ticks).map(|(tick, modelled)| tick.error[j] - modelled[j]).collect())
 }
 
@@ -73,9 +79,10 @@ fn innovations(
     let start = State::at_rest([0.0; 2]);
     let mut replay = Innovations::new(model, laws, settings, start);
     let mut columns = [Vec::new(), Vec::new()];
-    for tick in recording {
+    for (k, tick) in recording.iter().enumerate() {
         let innovation = replay.tick(&RecordedSample {
             reference_counts: tick.reference,
+            next_reference_counts: next_reference(recording, k),
             measured_counts: tick.actual.map(centre_of_count),
             command_a: tick.command,
             added_torque_nm: [0.0; 2],
@@ -264,9 +271,9 @@ fn known_added_torque_acts_as_an_offset_of_the_drive_does() {
         let mut effect = 0.0_f64;
         for k in 0..1000 {
             let reference = reference_counts(f64::from(k) * PERIOD_S);
-            let biased = biased.tick(reference, [0.0; 2]).error_counts;
-            let added = added.tick(reference, [0.1, -0.05]).error_counts;
-            let plain = plain.tick(reference, [0.0; 2]).error_counts;
+            let biased = biased.tick(reference, reference_counts(f64::from(k + 1) * PERIOD_S), [0.0; 2]).error_counts;
+            let added = added.tick(reference, reference_counts(f64::from(k + 1) * PERIOD_S), [0.1, -0.05]).error_counts;
+            let plain = plain.tick(reference, reference_counts(f64::from(k + 1) * PERIOD_S), [0.0; 2]).error_counts;
             effect = effect.max((added[0] - plain[0]).abs());
             assert!(largest([0, 1].map(|j| biased[j] - added[j])) < 1e-6);
         }

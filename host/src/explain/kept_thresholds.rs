@@ -1,8 +1,7 @@
 //! Scores of null simulations kept in a folder, so that an experiment is simulated once.
 //!
-//! They are found again by everything they were made from: recordings, model, noise, priors, features of the library, seed
-//! and the tool's version. What was kept is therefore what would be computed again, as long as a version simulates alike;
-//! who changes how null simulations are made without a new version empties the folder.
+//! They are found again by everything they were made from: recordings, model, noise, priors, features of the library, seed,
+//! the tool's version and [`HOW`] they are made. What was kept is therefore what would be computed again.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
@@ -11,6 +10,9 @@ use super::engine::{Engine, Fitted};
 use super::linear::Column;
 use super::noise::Noise;
 use super::screen::Feature;
+
+/// How null simulations are made: another number when they are made otherwise.
+const HOW: u32 = 2;
 
 /// Where the scores of one set of null simulations are kept.
 pub struct Kept {
@@ -30,7 +32,7 @@ impl Kept {
         seed: u64,
     ) -> Self {
         let mut hasher = DefaultHasher::new();
-        (env!("CARGO_PKG_VERSION"), simulations, seed).hash(&mut hasher);
+        (env!("CARGO_PKG_VERSION"), HOW, simulations, seed).hash(&mut hasher);
         let experiment = engine.setting.experiment;
         // The text of a number for programmers reads back as the same number.
         format!("{:?}{:?}{:?}{noise:?}", experiment.robot, engine.baseline, fitted.hypothesis).hash(&mut hasher);

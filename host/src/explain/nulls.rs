@@ -8,7 +8,7 @@ use shared::control::{LawState, PositionLaw};
 use shared::drive::centre_of_count;
 use shared::effects::ExtendedPlant;
 use shared::machine::{Machine, Movable};
-use shared::replay::{Innovations, RecordedSample};
+use shared::replay::{Course, Innovations, RecordedSample};
 
 use super::simulate::{Candidate, neutral};
 use crate::identify::experiment::INNOVATION_SUBSTEPS;
@@ -83,7 +83,9 @@ fn run<P: Movable<Number = f64>>(
     let settings = experiment.settings(INNOVATION_SUBSTEPS);
     let samples = segment.error_counts.len();
     let robot = simulation.plant.machine();
-    let substep_s = period_s / f64::from(INNOVATION_SUBSTEPS);
+    let ticks = experiment.ticks_per_record();
+    let substeps = INNOVATION_SUBSTEPS.div_ceil(ticks);
+    let substep_s = period_s / f64::from(ticks * substeps);
     let start = Simulation::<P>::start(&robot, segment);
     let mut laws: [LawState<f64>; 2] = simulation.laws(&robot, segment);
     let mut model = Innovations::of(robot, simulation.laws(&robot, segment), &settings, start);
@@ -97,45 +99,64 @@ fn run<P: Movable<Number = f64>>(
     let mut left = Run { error_counts: columns(), current_a: columns(), innovations: columns() };
     let mut last_command: Option<[f64; 2]> = None;
     for k in 0..samples {
-        let position = robot.position_counts(&motion);
-        let (mut actual, mut measured) = (position, position);
-        for joint in 0..2 {
-            if quantised {
-                actual[joint] = (position[joint] + phase[joint]).trunc();
-                measured[joint] = centre_of_count(actual[joint]) - phase[joint];
-            } else {
-                actual[joint] += noise.position_counts[joint] * random.normal();
-                measured[joint] = actual[joint];
-            }
-        }
-        let reference = segment.reference_counts[k];
-        let command = [laws[0].command_a(reference[0], actual[0]), laws[1].command_a(reference[1], actual[1])];
         let known = segment.added_torque_nm[k];
-        let innovation = model.tick(&RecordedSample {
-            reference_counts: reference,
-            measured_counts: measured,
-            command_a: command,
-            added_torque_nm: known,
-        });
-        let shown = last_command.replace(command).unwrap_or(command);
-        for joint in 0..2 {
-            left.innovations[joint].push(innovation[joint]);
-            left.error_counts[joint].push(reference[joint] - actual[joint]);
-            left.current_a[joint].push(shown[joint]);
-        }
-        let input = robot.input(command);
-        let before = previous.unwrap_or_else(|| {
-            motion = robot.begun(&motion, input);
-            input
-        });
         let added = [torque[0] + known[0], torque[1] + known[1]];
-        let mut late = experiment.robot.command_delay_s / substep_s;
-        for _ in 0..INNOVATION_SUBSTEPS {
-            let held = robot.held(late.clamp(0.0, 1.0), before, input, added);
-            motion = robot.step(&motion, &held, substep_s);
-            late -= 1.0;
+        let references = &segment.model_reference_counts;
+        let (before, here, next) =
+            (k.checked_sub(1).map(|k| references[k]), references[k], segment.next_model_reference(k));
+        let course = [0, 1].map(|joint: usize| Course::new(before.map(|b| b[joint]), here[joint], next[joint]));
+        for tick in 0..ticks {
+            let position = robot.position_counts(&motion);
+            let (mut actual, mut measured) = (position, position);
+            for joint in 0..2 {
+                if quantised {
+                    actual[joint] = (position[joint] + phase[joint]).trunc();
+                    measured[joint] = centre_of_count(actual[joint]) - phase[joint];
+                } else {
+                    actual[joint] += noise.position_counts[joint] * random.normal();
+                    measured[joint] = actual[joint];
+                }
+            }
+            let share = f64::from(tick) / f64::from(ticks);
+            // Where commands are missing the model follows a loop of its own, and one whose encoder begins at a whole count.
+            // What such a loop sees of the reference between the samples is rounded too.
+            let command = [0, 1].map(|joint: usize| {
+                let (reference, actual) = (course[joint].at(share), actual[joint]);
+                if ticks > 1 && quantised {
+                    laws[joint].command_a(reference.round(), actual - phase[joint])
+                } else {
+                    laws[joint].command_a(reference, actual)
+                }
+            });
+            if tick == 0 {
+                let innovation = model.tick(&RecordedSample {
+                    reference_counts: here,
+                    next_reference_counts: next,
+                    measured_counts: measured,
+                    command_a: command,
+                    added_torque_nm: known,
+                });
+                let shown = last_command.unwrap_or(command);
+                for joint in 0..2 {
+                    left.innovations[joint].push(innovation[joint]);
+                    left.error_counts[joint].push(segment.reference_counts[k][joint] - actual[joint]);
+                    left.current_a[joint].push(shown[joint]);
+                }
+            }
+            last_command = Some(command);
+            let input = robot.input(command);
+            let before = previous.unwrap_or_else(|| {
+                motion = robot.begun(&motion, input);
+                input
+            });
+            let mut late = experiment.robot.command_delay_s / substep_s;
+            for _ in 0..substeps {
+                let held = robot.held(late.clamp(0.0, 1.0), before, input, added);
+                motion = robot.step(&motion, &held, substep_s);
+                late -= 1.0;
+            }
+            previous = Some(input);
         }
-        previous = Some(input);
         for joint in 0..2 {
             let fresh = noise.torque_nm[joint] * (1.0 - kept[joint] * kept[joint]).sqrt();
             torque[joint] = kept[joint] * torque[joint] + fresh * random.normal();

@@ -1,4 +1,7 @@
 //! Whether what a model leaves can be noise: the torque noise of a robot is small, and no tone.
+//!
+//! Where the loop is faster than the recording no tone is looked for: the encoder's rounding acts between the samples then,
+//! unseen, and a moving loop turns it into tones of its own.
 
 use super::engine::{Engine, FITTED, Fitted};
 use super::noise::{self, JointNoise, Noise};
@@ -86,7 +89,8 @@ pub fn remainders(engine: &Engine, fitted: &Fitted, noise: &Noise) -> Vec<Remain
         // Where rounding is all there is, its slow power is next to none and gathers as it likes.
         let period_s = engine.setting.experiment.robot.record_period_s;
         let rounding = JointNoise::white(own[joint].white_counts2).rms_counts(period_s);
-        let audible = own[joint].rms_counts(period_s) > CLOSED * rounding;
+        let rings = engine.setting.experiment.commands_are_missing();
+        let audible = own[joint].rms_counts(period_s) > CLOSED * rounding && !rings;
         let recordings = rows.series.iter().filter(|series| series.joint == joint).count() as f64;
         for series in rows.series.iter().filter(|series| series.joint == joint) {
             // After the mean, rows come in pairs: a line's real and imaginary part.
@@ -98,7 +102,7 @@ pub fn remainders(engine: &Engine, fitted: &Fitted, noise: &Noise) -> Vec<Remain
                     slow_hz.push(rows.frequency_hz[row]);
                 }
                 remainder.lines += 1;
-                if power > remainder.line {
+                if power > remainder.line && !rings {
                     (remainder.line, remainder.line_hz) = (power, rows.frequency_hz[row]);
                 }
             }

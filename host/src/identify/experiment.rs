@@ -71,6 +71,16 @@ pub struct Segment {
     pub(super) followed: Followed,
 }
 
+impl Segment {
+    /// The reference that the model's loop has at the sample after the `k`-th; behind the last it goes on as it went.
+    pub(crate) fn next_model_reference(&self, k: usize) -> [f64; 2] {
+        let references = &self.model_reference_counts;
+        let here = references[k];
+        let before = references[k.saturating_sub(1)];
+        references.get(k + 1).copied().unwrap_or([0, 1].map(|joint: usize| 2.0 * here[joint] - before[joint]))
+    }
+}
+
 /// A robot, the recordings made on it, and how a model repeats them.
 #[derive(Clone, Debug)]
 pub struct Experiment<'a> {
@@ -216,6 +226,11 @@ impl<'a> Experiment<'a> {
     /// Whether the loop ran faster than the recording, so that most of its commands fell between the samples.
     pub fn commands_are_missing(&self) -> bool {
         self.timing.loop_is_faster_than_recording()
+    }
+
+    /// Ticks of the loop from one sample to the next.
+    pub(crate) fn ticks_per_record(&self) -> u32 {
+        if self.commands_are_missing() { self.timing.ticks_per_record() } else { 1 }
     }
 
     /// Samples in all segments.

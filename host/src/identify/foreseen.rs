@@ -38,11 +38,12 @@ impl<'a> Experiment<'a> {
         let settings = self.settings(self.closed_loop_substeps(Fineness::Coarse));
         let mut model = ClosedLoop::new(&plant, laws.map(LawState::new), &settings, State::at_rest(still));
         for _ in 0..(HOLD_S / self.robot.record_period_s) as usize {
-            model.tick(counts(&still), [0.0; 2]);
+            model.tick(counts(&still), counts(&still), [0.0; 2]);
         }
         let (mut error_counts, mut command_a) = (Vec::new(), Vec::new());
-        for &reference in &reference_counts {
-            let tick = model.tick(reference, [0.0; 2]);
+        for (k, &reference) in reference_counts.iter().enumerate() {
+            let next = *reference_counts.get(k + 1).unwrap_or(&reference);
+            let tick = model.tick(reference, next, [0.0; 2]);
             error_counts.push(tick.error_counts);
             command_a.push(tick.command_a);
         }

@@ -34,9 +34,8 @@ impl<P: Movable> Simulation<'_, P> {
         let number = |value| machine.number(value);
         let law = |joint: usize| {
             let experiment = self.experiment;
-            let counts_per_tick = segment.start.velocity_rad_s[joint]
-                * experiment.counts_per_rad(joint)
-                * experiment.robot.record_period_s;
+            let counts_per_tick =
+                segment.start.velocity_rad_s[joint] * experiment.counts_per_rad(joint) * experiment.robot.loop_period_s;
             let error_counts = segment.error_counts[0][joint];
             let actual_counts = segment.reference_counts[0][joint] - error_counts;
             let law = segment.laws[joint].map(number);
@@ -85,7 +84,8 @@ impl<P: Movable> Simulation<'_, P> {
         let mut model = ClosedLoop::of(machine, self.laws_led(&machine, segment, leads), settings, start);
         for k in 0..segment.error_counts.len() {
             let reference = segment.model_reference_counts[k];
-            let tick = model.tick(pair(&machine, reference), pair(&machine, segment.added_torque_nm[k]));
+            let next = pair(&machine, segment.next_model_reference(k));
+            let tick = model.tick(pair(&machine, reference), next, pair(&machine, segment.added_torque_nm[k]));
             // The model's motor is ahead of the robot's by what its own error is smaller, references apart.
             let actual = segment.actual_counts[k];
             let recorded: [P::Number; 2] = pair(&machine, [reference[0] - actual[0], reference[1] - actual[1]]);
@@ -147,6 +147,7 @@ impl<P: Movable> Simulation<'_, P> {
             }
             let innovation = model.tick(&RecordedSample {
                 reference_counts: pair(&machine, segment.model_reference_counts[k]),
+                next_reference_counts: pair(&machine, segment.next_model_reference(k)),
                 measured_counts: pair(&machine, segment.measured_counts[k]),
                 command_a,
                 added_torque_nm: pair(&machine, segment.added_torque_nm[k]),

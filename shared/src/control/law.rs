@@ -19,6 +19,12 @@ impl SampledTiming {
     pub fn loop_is_faster_than_recording(&self) -> bool {
         self.loop_period_s < 0.75 * self.record_period_s
     }
+
+    /// Loop ticks from one sample to the next, at least 1.
+    pub fn ticks_per_record(&self) -> u32 {
+        // Rounded half up: periods are positive.
+        ((self.record_period_s / self.loop_period_s + 0.5) as u32).max(1)
+    }
 }
 
 /// A position controller of one joint that is called once a tick.

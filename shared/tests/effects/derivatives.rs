@@ -34,6 +34,7 @@ fn innovations<N: Number>(recording: &[Tick], extended: &ExtendedPlant<N>) -> Ve
         .flat_map(|tick| {
             model.tick(&RecordedSample {
                 reference_counts: tick.reference.map(N::from_f64),
+                next_reference_counts: tick.reference.map(N::from_f64),
                 measured_counts: tick.actual.map(|count| N::from_f64(centre_of_count(count))),
                 command_a: tick.command.map(N::from_f64),
                 added_torque_nm: [N::zero(); 2],
