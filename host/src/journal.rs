@@ -38,7 +38,7 @@ impl<'a> Journal<'a> {
     pub fn begin(recording: &Path, circumstances: Circumstances<'a>) -> Result<Self, FileError> {
         let path = Self::path_of(recording);
         let nothing = part(Vec::new(), &circumstances, &path);
-        nothing.write(&path, circumstances.robot)?;
+        nothing.begin(&path, circumstances.robot)?;
         let file = fs::File::options().append(true).open(&path);
         let file = file.map_err(|source| FileError::unwritable(&path, source))?;
         Ok(Self { path, file, circumstances, waiting: Vec::new(), failed: None })

@@ -287,6 +287,8 @@ fn files_read_back_as_written() {
     let mut recording = read(&good_csv(), STRICT).unwrap();
     recording.command_a = Some(recording.current_a.clone());
     recording.manifest = Some(Manifest {
+        rows: None,
+        csv: None,
         mode: Mode::Ctc,
         robot: robot.name.clone(),
         trajectory: "paper, T = 3.65 s".into(),
