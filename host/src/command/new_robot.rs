@@ -60,7 +60,7 @@ pub struct NewRobot {
 impl NewRobot {
     pub fn run(&self) -> Result<(), CommandError> {
         if let Some(out) = &self.out {
-            if out.exists() && !self.force {
+            if out.exists() && !armid::is_stream(out) && !self.force {
                 return Err(CommandError::Usage(format!(
                     "{} exists; choose another --out, or replace it with --force",
                     out.display()
