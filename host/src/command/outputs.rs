@@ -63,6 +63,10 @@ impl FileKind {
         ];
         /// Longer than any file that is told by its keys.
         const LONGEST_BYTES: u64 = 1 << 20;
+        // A pipe would have to be waited for.
+        if !path.is_file() {
+            return None;
+        }
         let mut bytes = Vec::new();
         std::fs::File::open(path).and_then(|file| file.take(LONGEST_BYTES).read_to_end(&mut bytes)).ok()?;
         let text = String::from_utf8_lossy(&bytes);
