@@ -62,6 +62,7 @@ fn manifest(movement: &Movement, circumstances: &Circumstances<'_>) -> Manifest 
     let revision =
         if identity.git_revision.is_empty() { String::new() } else { format!(" ({})", identity.git_revision) };
     Manifest {
+        rows: None,
         mode: *mode,
         robot: robot.name.clone(),
         trajectory: trajectory.clone(),
@@ -76,6 +77,7 @@ fn manifest(movement: &Movement, circumstances: &Circumstances<'_>) -> Manifest 
             joint_names::of(robot).map_or_else(|| reason.clone(), |names| joint_names::in_message(reason, &names))
         }),
         joint: robot.joints.iter().filter_map(gains).collect(),
+        csv: None,
     }
 }
 

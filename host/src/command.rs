@@ -20,6 +20,7 @@ mod load;
 mod man;
 mod monitor;
 mod new_robot;
+mod outputs;
 mod own_model;
 mod page;
 mod progress;

@@ -25,6 +25,10 @@ fn line_suffix(line: Option<usize>) -> String {
     line.map(|line| format!(":{line}")).unwrap_or_default()
 }
 
+fn older_suffix(older: Option<&Path>) -> String {
+    older.map(|path| format!("; {} is the older file", path.display())).unwrap_or_default()
+}
+
 impl FileError {
     /// The file at `path` cannot be opened or read.
     pub(crate) fn unreadable(path: &Path, source: std::io::Error) -> Self {
@@ -130,6 +134,22 @@ pub enum Problem {
         found: String,
         /// The header the robot file calls for.
         expected: String,
+    },
+    /// A recording and a manifest that were not written together.
+    #[error(
+        "does not belong to its manifest {}, which states {stated}; here are {found}{}",
+        manifest.display(),
+        older_suffix(older.as_deref())
+    )]
+    OtherManifest {
+        /// The manifest.
+        manifest: PathBuf,
+        /// Rows and checksum that it states.
+        stated: String,
+        /// Rows and checksum of the recording.
+        found: String,
+        /// Which of the two files is the older one, if that can be told.
+        older: Option<PathBuf>,
     },
     /// Columns or contents belong to another joint than their name says.
     #[error("the joints look swapped: {evidence}")]

@@ -25,6 +25,8 @@ pub struct Journal<'a> {
     file: fs::File,
     circumstances: Circumstances<'a>,
     waiting: Vec<Sample>,
+    /// Whether it is of use once the program has ended: rows came, and are nowhere else.
+    wanted: bool,
     failed: Option<FileError>,
 }
 
@@ -38,16 +40,23 @@ impl<'a> Journal<'a> {
     pub fn begin(recording: &Path, circumstances: Circumstances<'a>) -> Result<Self, FileError> {
         let path = Self::path_of(recording);
         let nothing = part(Vec::new(), &circumstances, &path);
-        nothing.write(&path, circumstances.robot)?;
+        nothing.begin(&path, circumstances.robot)?;
         let file = fs::File::options().append(true).open(&path);
         let file = file.map_err(|source| FileError::unwritable(&path, source))?;
-        Ok(Self { path, file, circumstances, waiting: Vec::new(), failed: None })
+        Ok(Self { path, file, circumstances, waiting: Vec::new(), wanted: false, failed: None })
     }
 
     /// Takes in the next row. A disk that is full does not disturb the movement; [`Self::failure`] tells of it.
     pub fn push(&mut self, sample: &Sample) {
         self.waiting.push(*sample);
-        if self.waiting.len() < ROWS_AT_ONCE || self.failed.is_some() {
+        self.wanted = true;
+        if self.waiting.len() >= ROWS_AT_ONCE {
+            self.write_waiting();
+        }
+    }
+
+    fn write_waiting(&mut self) {
+        if self.failed.is_some() {
             return;
         }
         let rows = part(std::mem::take(&mut self.waiting), &self.circumstances, &self.path).rows_to_csv();
@@ -62,8 +71,25 @@ impl<'a> Journal<'a> {
     }
 
     /// The recording itself is on disk: the journal is no longer wanted.
-    pub fn remove(self) {
-        // What stays of it is only untidy, and is refused by name before it is written over.
+    pub fn remove(mut self) {
+        self.wanted = false;
+    }
+
+    /// The rows in the journal that a program left of `recording`, if it left any.
+    pub fn rows_left(recording: &Path) -> Option<usize> {
+        // What cannot be read as text is nobody's empty journal either.
+        let text = fs::read(Self::path_of(recording)).ok()?;
+        let lines = text.iter().filter(|byte| **byte == b'\n').count();
+        lines.checked_sub(1).filter(|rows| *rows > 0)
+    }
+}
+
+impl Drop for Journal<'_> {
+    fn drop(&mut self) {
+        if self.wanted {
+            return self.write_waiting();
+        }
+        // What stays of it is only untidy.
         let _ = fs::remove_file(&self.path);
         let _ = fs::remove_file(Recording::manifest_path(&self.path));
     }

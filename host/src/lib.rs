@@ -72,5 +72,8 @@ pub use atomic::write as write_file;
 /// Makes sure that a file can be written, before the work whose result goes there.
 pub use atomic::check as check_output;
 
+/// Whether something is there but neither a file nor a folder: a device, a named pipe, a terminal.
+pub use atomic::is_stream;
+
 /// Version of this tool, written into every file it makes.
 pub const TOOL_VERSION: &str = concat!("armid ", env!("CARGO_PKG_VERSION"));

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use shared::control::PositionLoop;
 
-pub use manifest::{Manifest, ManifestJoint, Mode};
+pub use manifest::{Manifest, ManifestCsv, ManifestJoint, Mode};
 pub use sound::{Finding, SoundPart};
 
 use crate::file_error::FileError;
@@ -68,9 +68,15 @@ impl Recording {
 
     /// Writes the recording to `path`, and its manifest, if any, beside it with the ending `.toml`.
     ///
-    /// The manifest is written first: a recording under its final name always has its manifest.
+    /// The manifest tells which CSV it was written with, so that whatever interrupts this leaves the old pair, the new pair,
+    /// or two files that are not taken for a recording. A device or a named pipe gets the CSV alone.
     pub fn write(&self, path: &Path, robot: &Robot) -> Result<(), FileError> {
         write::write(self, path, robot)
+    }
+
+    /// Writes the recording to `path` to be added to, row by row: its manifest does not tell which CSV it is of.
+    pub(crate) fn begin(&self, path: &Path, robot: &Robot) -> Result<(), FileError> {
+        write::begin(self, path, robot)
     }
 
     /// The lines of its samples as they stand in the file, to be added to one that has others already.

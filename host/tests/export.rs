@@ -24,6 +24,8 @@ fn recording() -> Recording {
         command_a: Some(vec![wave(2.0), wave(-1.0)]),
         added_torque: None,
         manifest: Some(Manifest {
+            rows: None,
+            csv: None,
             mode: Mode::P,
             robot: "PUMA 560, links 2 and 3".into(),
             trajectory: "paper, T = 3.65 s".into(),

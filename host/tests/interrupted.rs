@@ -15,6 +15,7 @@ use shared::protocol::{Decoder, Request};
 const FAILED: i32 = 1;
 const USAGE: i32 = 2;
 const UNREACHABLE: i32 = 4;
+const UNSAFE: i32 = 5;
 
 /// Board's time between two requests of the host, so that the pace of this machine does not matter.
 const STEP: Duration = Duration::from_millis(100);
@@ -209,16 +210,67 @@ fn what_a_killed_program_recorded_is_on_disk_and_marked() {
     let left = folder.path().join("run.unfinished.csv");
     let recording = Recording::read(&left, &Robot::paper(), ReadOptions { allow_gaps: true }).unwrap();
     assert!((100..5214).contains(&recording.samples()), "{} samples", recording.samples());
-    assert!(recording.manifest.unwrap().partial.unwrap().contains("the program ended"));
+    assert!(recording.manifest.as_ref().unwrap().partial.as_ref().unwrap().contains("the program ended"));
 
-    // It is not written over unasked, and gone once a recording is whole.
-    let output = armid(folder.path(), &command).output().unwrap();
-    assert_eq!(output.status.code(), Some(USAGE), "{}", text(&output));
-    assert!(text(&output).contains("run.unfinished.csv") && left.exists(), "{}", text(&output));
-    let output = armid(folder.path(), "record --board sim --settle 0.2 --out run.csv --force").output().unwrap();
+    // These rows are nowhere else: nothing writes over them but who takes them away.
+    let rows = format!("{} rows", recording.samples());
+    for force in ["", " --force"] {
+        let output = armid(folder.path(), &format!("{command}{force}")).output().unwrap();
+        assert_eq!(output.status.code(), Some(USAGE), "{}", text(&output));
+        for part in ["run.unfinished.csv", "run.unfinished.toml", rows.as_str(), "--force does not"] {
+            assert!(text(&output).contains(part), "no {part}: {}", text(&output));
+        }
+        assert!(left.exists());
+    }
+    for path in [left.clone(), left.with_extension("toml")] {
+        std::fs::rename(&path, path.with_file_name("rescued").with_extension(path.extension().unwrap())).unwrap();
+    }
+    // A program that was killed before the first row left nothing that is worth keeping.
+    std::fs::write(&left, "tick,ref2,ref3,err2,err3,cur2,cur3,cmd2,cmd3\n").unwrap();
+    let output = armid(folder.path(), "record --board sim --settle 0.2 --out run.csv").output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output));
     assert_eq!(read(&folder.path().join("run.csv")).samples(), 5214);
     assert!(!left.exists() && !left.with_extension("toml").exists());
+}
+
+#[test]
+fn a_refused_movement_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    // Computed torque on a board without a model.
+    let output = armid(folder.path(), "record --board sim --mode ctc --out run.csv").output().unwrap();
+    assert_eq!(output.status.code(), Some(UNSAFE), "{}", text(&output));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+/// `run` and `run.csv` would both have the manifest `run.toml`.
+#[test]
+fn a_recording_does_not_replace_the_manifest_of_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let refused = |arguments: &str, parts: &[&str]| {
+        let output = armid(folder.path(), arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(USAGE), "{arguments}: {}", text(&output));
+        for part in parts {
+            assert!(text(&output).contains(part), "{arguments}: no {part:?} in: {}", text(&output));
+        }
+    };
+    let output = armid(folder.path(), "record --board sim --settle 0 --out run.csv").output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+    let manifest = std::fs::read(path("run.toml")).unwrap();
+    for command in ["record --board sim", "load --board sim --load-kg 1", "simulate"] {
+        for force in ["", " --force"] {
+            refused(&format!("{command} --out run{force}"), &["run.toml is the manifest of run.csv", "another --out"]);
+        }
+    }
+    // Without its recording it stays just as well, until somebody says otherwise.
+    std::fs::remove_file(path("run.csv")).unwrap();
+    for out in ["run", "run.csv"] {
+        refused(&format!("record --board sim --out {out}"), &["run.toml, a manifest, exists", "--force"]);
+    }
+    assert_eq!(std::fs::read(path("run.toml")).unwrap(), manifest);
+    let output = armid(folder.path(), "record --board sim --settle 0 --seed 2 --out run --force").output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+    assert_eq!(read(&path("run")).manifest.unwrap().seed, Some(2));
 }
 
 #[test]

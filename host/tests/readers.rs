@@ -287,6 +287,8 @@ fn files_read_back_as_written() {
     let mut recording = read(&good_csv(), STRICT).unwrap();
     recording.command_a = Some(recording.current_a.clone());
     recording.manifest = Some(Manifest {
+        rows: None,
+        csv: None,
         mode: Mode::Ctc,
         robot: robot.name.clone(),
         trajectory: "paper, T = 3.65 s".into(),
@@ -312,6 +314,21 @@ fn files_read_back_as_written() {
     assert_eq!(Model::read(&path, &robot).unwrap(), model);
     let left: Vec<PathBuf> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
     assert!(left.iter().all(|path| path.extension().is_none_or(|ending| ending != "part")), "{left:?}");
+}
+
+/// Neither of the two takes its place before both are on disk.
+#[test]
+fn a_recording_that_cannot_be_written_leaves_the_manifest_that_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let robot = Robot::paper();
+    let mut recording = read(&good_csv(), STRICT).unwrap();
+    recording.manifest = Some(toml::from_str("mode = \"p\"").unwrap());
+    let (csv, manifest) = (folder.path().join("run.csv"), folder.path().join("run.toml"));
+    std::fs::create_dir(&csv).unwrap();
+    std::fs::write(&manifest, "of another").unwrap();
+    refused(recording.write(&csv, &robot), &["run.csv", "cannot be written", "folder"]);
+    assert_eq!(std::fs::read(&manifest).unwrap(), b"of another");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "something was left behind");
 }
 
 /// The data folder beside the checkout, where this machine has it.

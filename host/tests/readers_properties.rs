@@ -84,6 +84,8 @@ proptest! {
             added_torque: None,
             // Under computed torque any current goes with any error.
             manifest: Some(Manifest {
+rows: None,
+csv: None,
                 mode: Mode::Ctc,
                 robot: String::new(),
                 trajectory: String::new(),

@@ -248,6 +248,8 @@ fn what_led_to_a_fault_is_cut() {
             recording.current_a[0][row] = *command;
         }
         recording.manifest = Some(Manifest {
+            rows: None,
+            csv: None,
             mode: Mode::P,
             robot: String::new(),
             trajectory: String::new(),

@@ -10,9 +10,8 @@ use serde_json::json;
 use shared::control::PositionLoop;
 
 use super::CommandError;
-use super::common::{
-    RobotArguments, advise, check_distinct, check_outputs, print, print_json, read_recordings, with_sidecars,
-};
+use super::common::{RobotArguments, advise, check_distinct, print, print_json, read_recordings, with_sidecars};
+use super::outputs::{FileKind, check_outputs};
 use super::page::{self, ReportArguments};
 
 const EXAMPLES: &str = "Examples:
@@ -49,12 +48,10 @@ impl Calibrate {
         for recording in &recordings {
             recording.check_periods(&robot)?;
         }
-        if let Some(out) = &self.out {
-            // The robot file itself may be corrected in place; a recording must not be lost.
-            check_outputs([out.as_path()], with_sidecars(&self.recordings).iter().map(PathBuf::as_path))?;
-        }
         let inputs = with_sidecars(&self.recordings);
-        self.report.check(self.out.as_deref(), inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path))?;
+        let inputs = || inputs.iter().chain(&self.robot.robot).map(PathBuf::as_path);
+        check_outputs(self.out.as_deref().map(|out| (out, FileKind::Robot)), inputs())?;
+        self.report.check(self.out.as_deref(), inputs())?;
         let found = calibrate(&robot, &recordings)?;
         for joint in found.iter().filter(|joint| !joint.agrees) {
             advise(disagreement(joint));

@@ -1,7 +1,7 @@
 //! Arguments and output that several commands share.
 
 use std::ffi::OsStr;
-use std::io::{Read as _, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -9,11 +9,10 @@ use armid::board_setup;
 use armid::client::{Client, Pose};
 use armid::compensation;
 use armid::hidden_robot::HiddenRobot;
-use armid::journal::{self, Journal};
 use armid::link::{self, Address, LoadChange, SimulatedBoard};
 use armid::margins::ArmLoop;
 use armid::model::{Effect, Model};
-use armid::recording::{Manifest, ReadOptions, Recording};
+use armid::recording::{ReadOptions, Recording};
 use armid::robot::{Gripper, Robot};
 use armid::trajectory_file;
 use clap::Args;
@@ -265,92 +264,6 @@ fn check_limits(trajectory: &Trajectory, robot: &Robot, limits: &Configuration) 
     let record_period_ns = u64::from(limits.common.record_period_ns);
     shared::trajectory::check(trajectory, &limits.motion_limits, counts_per_rad, record_period_ns)
         .map_err(CommandError::Limit)
-}
-
-/// Makes sure, before the work is done, that its results can be written and that none would destroy what it is made of, or
-/// a recording that has nothing to do with it.
-///
-/// A recording's sidecar is an output, or an input, like the recording itself.
-pub fn check_outputs<'a, 'b>(
-    outputs: impl IntoIterator<Item = &'b Path>,
-    inputs: impl IntoIterator<Item = &'a Path>,
-) -> Result<(), CommandError> {
-    let outputs: Vec<&Path> = outputs.into_iter().collect();
-    check_inputs_stay(outputs.iter().copied(), inputs)?;
-    match outputs.into_iter().find(|output| is_recording(output)) {
-        Some(output) => Err(CommandError::Usage(format!(
-            "{} is a recording and would be overwritten by a result of another kind; choose another name",
-            output.display()
-        ))),
-        None => Ok(()),
-    }
-}
-
-/// Whether a file begins as a recording does.
-fn is_recording(path: &Path) -> bool {
-    const BEGINNING: &[u8] = b"tick,";
-    let mut beginning = [0; BEGINNING.len()];
-    std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut beginning)).is_ok() && beginning == BEGINNING
-}
-
-fn check_inputs_stay<'a, 'b>(
-    outputs: impl IntoIterator<Item = &'b Path>,
-    inputs: impl IntoIterator<Item = &'a Path>,
-) -> Result<(), CommandError> {
-    let whole = |path: &Path| path.canonicalize().ok();
-    let inputs: Vec<PathBuf> = inputs.into_iter().filter_map(whole).collect();
-    for output in outputs {
-        if whole(output).is_some_and(|output| inputs.contains(&output)) {
-            return Err(CommandError::Usage(format!(
-                "{} is read by this command and would be overwritten by its result; choose another --out",
-                output.display()
-            )));
-        }
-        armid::check_output(output)?;
-    }
-    Ok(())
-}
-
-/// What may happen to a recording that is there already.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Existing {
-    /// It stays: it is of a movement that nobody can repeat exactly.
-    Keep,
-    /// It is replaced, because that was asked for or because the same command makes it again.
-    Replace,
-}
-
-/// A recording about to be written and its sidecar, neither of which may replace a file of another kind.
-pub fn check_recording_outputs<'a>(
-    recording: &Path,
-    existing: Existing,
-    inputs: impl IntoIterator<Item = &'a Path>,
-) -> Result<(), CommandError> {
-    let sidecar = Recording::manifest_path(recording);
-    check_inputs_stay([recording, sidecar.as_path()], inputs)?;
-    if existing == Existing::Keep && recording.exists() {
-        return Err(CommandError::Usage(format!(
-            "{} exists; choose another --out, or replace it with --force",
-            recording.display()
-        )));
-    }
-    let unfinished = Journal::path_of(recording);
-    if existing == Existing::Keep && unfinished.exists() {
-        return Err(CommandError::Usage(format!(
-            "{} is there: {}, and these are the rows that came; move it away, or let it be replaced with --force (a board \
-             that was not reset since may still have the whole movement: `armid record --last`)",
-            unfinished.display(),
-            journal::UNFINISHED
-        )));
-    }
-    if sidecar.is_file() && Manifest::read(&sidecar).is_err() {
-        return Err(CommandError::Usage(format!(
-            "{} exists and is no recording's manifest, but the manifest of {} would go there; choose another --out",
-            sidecar.display(),
-            recording.display()
-        )));
-    }
-    Ok(())
 }
 
 /// Recordings with their sidecars.

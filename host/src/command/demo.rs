@@ -3,6 +3,7 @@
 mod explain;
 mod load;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use armid::calibrate::{JointCalibration, calibrate};
@@ -25,6 +26,9 @@ use super::own_model::TRAINING_PERIODS_S;
 use super::page::{self, ReportArguments};
 use super::run::Run;
 use super::{CommandError, identify, track};
+
+/// The file in the output folder that lists what demonstrations wrote there and may replace.
+const OWN_FILES: &str = "demo-files.txt";
 
 /// The picture among [`FILES`].
 const PICTURE: &str = "demo.svg";
@@ -57,7 +61,7 @@ struct Common {
     /// Seed of the hidden robot, of what is hidden in it, of the noise and of everything that searches
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Folder for robot file, recordings, models, truth and pictures
+    /// Folder for robot file, recordings, models, truth and pictures; replaces there only what a demonstration wrote
     #[arg(long, value_name = "FOLDER", default_value = "armid-out")]
     out: PathBuf,
     #[command(flatten)]
@@ -68,10 +72,26 @@ struct Common {
 }
 
 impl Common {
-    /// Makes sure that the report page takes the place of none of `files` in the output folder.
-    fn check_report(&self, files: &[&str]) -> Result<(), CommandError> {
+    /// Makes sure that the report page takes the place of none of `files` in the output folder, and that none of them takes
+    /// the place of a file that no demonstration wrote; notes there that they are this one's.
+    fn begin(&self, files: &[&str]) -> Result<(), CommandError> {
         let paths: Vec<PathBuf> = files.iter().map(|name| self.out.join(name)).collect();
-        self.report.check(paths.iter().map(PathBuf::as_path), [])
+        self.report.check(paths.iter().map(PathBuf::as_path), [])?;
+        let own = self.out.join(OWN_FILES);
+        let mut names: BTreeSet<String> =
+            std::fs::read_to_string(&own).unwrap_or_default().lines().map(str::to_string).collect();
+        let sidecars = files.iter().filter_map(|name| Some(format!("{}.toml", name.strip_suffix(".csv")?)));
+        for name in files.iter().map(|name| name.to_string()).chain(sidecars) {
+            let path = self.out.join(&name);
+            if names.insert(name) && path.exists() {
+                return Err(CommandError::Usage(format!(
+                    "{} exists and was written by no demonstration; choose another --out, or move it away",
+                    path.display()
+                )));
+            }
+        }
+        let text: String = names.into_iter().map(|name| name + "\n").collect();
+        Ok(armid::write_file(&own, text.as_bytes())?)
     }
 
     /// Runs one of the paper's movements and keeps the recording in the output folder.
@@ -107,7 +127,7 @@ impl Demo {
             Some(Story::Load(story)) => return story.run(),
             None => {}
         }
-        self.common.check_report(&FILES)?;
+        self.common.begin(&FILES)?;
         let robot = Robot::paper();
         let truth = HiddenRobot::draw(&robot, self.common.seed);
         let configuration = armid::board_setup::configuration(&robot)?;

@@ -10,7 +10,8 @@ use armid::trajectory_file;
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::common::{RobotArguments, advise, check_outputs, print, print_json, read_model};
+use super::common::{RobotArguments, advise, print, print_json, read_model};
+use super::outputs::{FileKind, check_outputs};
 use super::page::{self, ReportArguments};
 use super::{CommandError, progress};
 
@@ -60,7 +61,7 @@ impl Excite {
         let robot = self.robot.read_for_motion()?;
         let model = self.model.as_deref().map(|path| read_model(path, &robot)).transpose()?;
         let inputs = || [&self.robot.robot, &self.model].into_iter().filter_map(Option::as_deref);
-        check_outputs(self.out.as_deref(), inputs())?;
+        check_outputs(self.out.as_deref().map(|out| (out, FileKind::Movement)), inputs())?;
         self.report.check(self.out.as_deref(), inputs())?;
         if model.is_none() {
             advise(

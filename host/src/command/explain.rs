@@ -9,9 +9,9 @@ use armid::report::FileRole;
 use clap::Args;
 
 use super::common::{
-    RobotArguments, advise, cache_folder, check_distinct, check_outputs, print, print_json, read_recordings,
-    with_sidecars,
+    RobotArguments, advise, cache_folder, check_distinct, print, print_json, read_recordings, with_sidecars,
 };
+use super::outputs::{FileKind, check_outputs};
 use super::page::{self, ReportArguments};
 use super::{CommandError, progress};
 
@@ -75,9 +75,9 @@ impl Explain {
         let inputs = [with_sidecars(&fitted), with_sidecars(&kept_back)].concat();
         let inputs = || inputs.iter().chain(&self.robot.robot).chain(&self.model).map(PathBuf::as_path);
         let outputs = || self.out.iter().chain(&self.next).map(PathBuf::as_path);
-        // The baseline may be replaced by the model that extends it.
-        let kept = || inputs().filter(|path| Some(*path) != self.model.as_deref());
-        check_outputs(outputs(), kept())?;
+        let out = self.out.iter().map(|path| (path.as_path(), FileKind::Model));
+        let next = self.next.iter().map(|path| (path.as_path(), FileKind::Movement));
+        check_outputs(out.chain(next), inputs())?;
         self.report.check(outputs(), inputs())?;
         if check.is_empty() {
             advise(

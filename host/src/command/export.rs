@@ -8,7 +8,8 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::CommandError;
-use super::common::{RobotArguments, check_outputs, print, print_json, read_model, read_recordings, with_sidecars};
+use super::common::{RobotArguments, print, print_json, read_model, read_recordings, with_sidecars};
+use super::outputs::{FileKind, check_outputs};
 
 const EXAMPLES: &str = "Examples:
   armid export slow.csv --out slow.mcap             for Foxglove and PlotJuggler
@@ -60,6 +61,16 @@ impl Format {
         Self::from_str(path.extension()?.to_str()?, true).ok()
     }
 
+    /// What a file of it holds.
+    fn kind(self) -> FileKind {
+        match self {
+            Self::Csv => FileKind::SiTable,
+            Self::Mcap => FileKind::Mcap,
+            Self::Urdf => FileKind::Urdf,
+            Self::Json => FileKind::JsonModel,
+        }
+    }
+
     fn is_of_recordings(self) -> bool {
         matches!(self, Self::Csv | Self::Mcap)
     }
@@ -88,7 +99,7 @@ impl Export {
         if let Some(out) = &self.out {
             let read = with_sidecars(std::slice::from_ref(&self.file));
             let also = [&self.robot.robot, &self.bounds].into_iter().flatten();
-            check_outputs([out.as_path()], read.iter().chain(also).map(PathBuf::as_path))?;
+            check_outputs([(out.as_path(), format.kind())], read.iter().chain(also).map(PathBuf::as_path))?;
         }
         let bytes = if format.is_of_recordings() {
             let recording = read_recordings(std::slice::from_ref(&self.file), &robot, self.allow_gaps)?.remove(0);

@@ -19,9 +19,8 @@ use serde_json::{Value, json};
 use shared::arm::PARAMETERS;
 use shared::genetic::Coding;
 
-use super::common::{
-    RobotArguments, advise, check_distinct, check_outputs, print, print_json, read_recordings, with_sidecars,
-};
+use super::common::{RobotArguments, advise, check_distinct, print, print_json, read_recordings, with_sidecars};
+use super::outputs::{FileKind, check_outputs};
 use super::page::{self, ReportArguments};
 use super::ranges::Verdict;
 use super::{CommandError, progress};
@@ -118,7 +117,7 @@ impl Identify {
         let inputs = [with_sidecars(&self.recordings), with_sidecars(&self.check)].concat();
         let inputs =
             || inputs.iter().chain(&self.robot.robot).chain(&self.prior).chain(&self.bounds).map(PathBuf::as_path);
-        check_outputs(self.out.as_deref(), inputs())?;
+        check_outputs(self.out.as_deref().map(|out| (out, FileKind::Model)), inputs())?;
         self.report.check(self.out.as_deref(), inputs())?;
         let sought = Sought {
             friction: self.friction,

@@ -14,9 +14,10 @@ use serde_json::{Value, json};
 use shared::load::{LONGEST_COLLECTION_ROWS, LoadEstimate, LoadNews, LoadSettings, Rejected, Waiting};
 
 use super::common::{
-    BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, for_board, print,
-    print_json, read_model, with_sidecars,
+    BoardArguments, RobotArguments, TrajectoryArguments, advise, for_board, print, print_json, read_model,
+    with_sidecars,
 };
+use super::outputs::{Existing, check_recording_outputs, check_unfinished};
 use super::page::{self, ReportArguments};
 use super::run::Run;
 use super::{CommandError, own_model};
@@ -164,8 +165,8 @@ impl LoadCommand {
         let outputs = with_sidecars(self.out.as_slice());
         self.report.check(outputs.iter().map(PathBuf::as_path), inputs.into_iter().flatten())?;
         if let Some(path) = &self.out {
-            let existing = if self.force { Existing::Replace } else { Existing::Keep };
-            check_recording_outputs(path, existing, inputs.into_iter().flatten())?;
+            check_recording_outputs(path, Existing::with_force(self.force), inputs.into_iter().flatten())?;
+            check_unfinished(path)?;
         }
         let model = match &self.model {
             Some(path) => read_model(path, &robot)?,

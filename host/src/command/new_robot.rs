@@ -10,7 +10,8 @@ use clap::Args;
 use serde_json::json;
 
 use super::CommandError;
-use super::common::{advise, check_outputs, print, print_json};
+use super::common::{advise, print, print_json};
+use super::outputs::{FileKind, check_outputs};
 
 const EXAMPLES_OF_USE: &str = "Without --answers and --set every value is asked for, with its unit and, in brackets, what an \
     empty answer means; each answer is checked at once. Where stdin is no terminal nothing is guessed: every question needs an \
@@ -59,13 +60,13 @@ pub struct NewRobot {
 impl NewRobot {
     pub fn run(&self) -> Result<(), CommandError> {
         if let Some(out) = &self.out {
-            if out.exists() && !self.force {
+            if out.exists() && !armid::is_stream(out) && !self.force {
                 return Err(CommandError::Usage(format!(
                     "{} exists; choose another --out, or replace it with --force",
                     out.display()
                 )));
             }
-            check_outputs([out.as_path()], self.answers.as_deref())?;
+            check_outputs([(out.as_path(), FileKind::Robot)], self.answers.as_deref())?;
         }
         if let Some(wanted) = &self.example {
             let text = EXAMPLES.iter().find(|(name, _, _)| name == wanted).map_or("", |(_, _, text)| text);

@@ -16,7 +16,8 @@ use armid::report::{Page, Provenance};
 use clap::Args;
 
 use super::CommandError;
-use super::common::{advise, check_outputs};
+use super::common::advise;
+use super::outputs::{FileKind, check_apart, check_outputs};
 
 /// Where a report page goes.
 #[derive(Clone, Debug, Default, Args)]
@@ -49,14 +50,8 @@ pub fn check_page<'a, 'b>(
     outputs: impl IntoIterator<Item = &'b Path>,
     inputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<(), CommandError> {
-    let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
-    if outputs.into_iter().any(|output| whole(output) == whole(page)) {
-        return Err(CommandError::Usage(format!(
-            "{} is to be both the report page and another result; choose another --report",
-            page.display()
-        )));
-    }
-    check_outputs([page], inputs)
+    check_apart(page, outputs, "the report page", "--report")?;
+    check_outputs([(page, FileKind::Page)], inputs)
 }
 
 /// Writes `page` to `path` and says so.

@@ -12,10 +12,8 @@ use armid::robot::Robot;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::common::{
-    BoardArguments, Existing, RobotArguments, TrajectoryArguments, check_recording_outputs, for_board, print,
-    print_json, read_model,
-};
+use super::common::{BoardArguments, RobotArguments, TrajectoryArguments, for_board, print, print_json, read_model};
+use super::outputs::{Existing, check_recording_outputs, check_unfinished};
 use super::page::{self, ReportArguments};
 use super::run::Run;
 use super::{CommandError, progress};
@@ -87,6 +85,7 @@ impl Record {
         let movement = self.trajectory.prepare(&robot)?;
         let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
         check_recording_outputs(&self.out, self.existing(), inputs.into_iter().flatten())?;
+        check_unfinished(&self.out)?;
         self.check_report()?;
         movement.advise_margins();
         let mut client = self.board.connect_ready(&robot)?;
@@ -112,7 +111,7 @@ impl Record {
     }
 
     fn existing(&self) -> Existing {
-        if self.force { Existing::Replace } else { Existing::Keep }
+        Existing::with_force(self.force)
     }
 
     /// The board's memory outlives a link that broke and a disk that was full.

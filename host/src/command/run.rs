@@ -39,6 +39,9 @@ impl<'a> Run<'a> {
     /// [`Self::on`], every row on disk beside the recording to be as soon as it comes, so that not even a killed program
     /// loses it.
     pub fn recorded(&self, client: &mut Client, watcher: &mut dyn MovementWatcher) -> Result<Ran<'a>, CommandError> {
+        if armid::is_stream(&self.path) {
+            return self.watched(client, watcher);
+        }
         let board = client.info().clone();
         let journal = Journal::begin(&self.path, self.circumstances(&board))?;
         self.run(client, watcher, Some(journal))

@@ -12,9 +12,9 @@ use serde_json::json;
 
 use super::CommandError;
 use super::common::{
-    Existing, RobotArguments, TrajectoryArguments, check_outputs, check_recording_outputs, for_simulation, print,
-    print_json, read_model, with_effects,
+    RobotArguments, TrajectoryArguments, for_simulation, print, print_json, read_model, with_effects, with_sidecars,
 };
+use super::outputs::{Existing, FileKind, check_apart, check_outputs, check_recording_outputs};
 use super::record::Controller;
 use super::run::Run;
 
@@ -49,6 +49,9 @@ pub struct Simulate {
     /// Recording to write; its manifest goes beside it with the ending .toml
     #[arg(long, value_name = "FILE", default_value = "simulated.csv")]
     out: PathBuf,
+    /// Replace a recording that is there already
+    #[arg(long)]
+    force: bool,
     /// Write the truth, as a model file
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
@@ -64,9 +67,11 @@ impl Simulate {
         let configuration = armid::board_setup::configuration(&robot)?;
         let inputs = [&self.robot.robot, &self.model, &self.controller_model].map(Option::as_deref);
         let inputs = || inputs.into_iter().chain([self.trajectory.file()]).flatten();
-        check_recording_outputs(&self.out, Existing::Replace, inputs())?;
+        check_recording_outputs(&self.out, Existing::with_force(self.force), inputs())?;
         if let Some(truth) = &self.truth {
-            check_outputs([truth.as_path()], inputs())?;
+            let recording = with_sidecars(std::slice::from_ref(&self.out));
+            check_apart(truth, recording.iter().map(PathBuf::as_path), "the truth", "--truth")?;
+            check_outputs([(truth.as_path(), FileKind::Model)], inputs())?;
         }
         let truth = match &self.model {
             Some(path) => HiddenRobot::from_model(&read_model(path, &robot)?, &robot)?,

@@ -15,9 +15,10 @@ use serde_json::{Value, json};
 
 use super::CommandError;
 use super::common::{
-    BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, for_board, print,
-    print_json, read_model, with_sidecars,
+    BoardArguments, RobotArguments, TrajectoryArguments, advise, for_board, print, print_json, read_model,
+    with_sidecars,
 };
+use super::outputs::{Existing, check_recording_outputs, check_unfinished};
 use super::own_model;
 use super::page::{self, ReportArguments};
 use super::run::Run;
@@ -78,9 +79,10 @@ impl Track {
         let outputs = with_sidecars(if self.out.is_some() { &recordings } else { &[] });
         self.report.check(outputs.iter().map(PathBuf::as_path), inputs.into_iter().flatten())?;
         if self.out.is_some() {
-            let existing = if self.force { Existing::Replace } else { Existing::Keep };
+            let existing = Existing::with_force(self.force);
             for name in names {
                 check_recording_outputs(&path(name), existing, inputs.into_iter().flatten())?;
+                check_unfinished(&path(name))?;
             }
         }
         if let Some(model) = &model {

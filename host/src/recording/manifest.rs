@@ -1,11 +1,12 @@
 //! The sidecar of a recording: how it was made.
 
+use std::cmp::Ordering;
 use std::path::Path;
 
+use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::{Deserialize, Serialize};
 use shared::control::PositionLoop;
 
-use crate::atomic;
 use crate::file_error::{FileError, Problem};
 use crate::robot::{Law, Robot};
 use crate::toml_text::TomlText;
@@ -31,7 +32,12 @@ impl std::fmt::Display for Mode {
 
 /// How a recording was made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Manifest {
+    /// Rows of the CSV that the manifest was written with. Only in files, first of all keys, and [`Self::csv`] last: a
+    /// manifest that was cut off has one without the other, and one without both goes with any CSV.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rows: Option<usize>,
     /// Which controller ran.
     pub mode: Mode,
     /// The robot's name.
@@ -67,10 +73,32 @@ pub struct Manifest {
     /// The gains in force, joint by joint.
     #[serde(default)]
     pub joint: Vec<ManifestJoint>,
+    /// That CSV's contents. Only in files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub csv: Option<ManifestCsv>,
+}
+
+/// The contents of the CSV that a manifest was written with.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ManifestCsv {
+    /// Their CRC-32, in hexadecimal, carriage returns left out: another system's line ends are no other contents.
+    pub crc32: String,
+}
+
+impl ManifestCsv {
+    /// That of a CSV's bytes.
+    pub(super) fn of(csv: &[u8]) -> Self {
+        let crc = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+        let mut digest = crc.digest();
+        csv.split(|byte| *byte == b'\r').for_each(|piece| digest.update(piece));
+        Self { crc32: format!("{:08x}", digest.finalize()) }
+    }
 }
 
 /// The gains of one joint's position loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ManifestJoint {
     /// The joint's name.
     pub name: String,
@@ -102,6 +130,15 @@ impl Manifest {
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let text = TomlText::read(path)?;
         let manifest: Self = text.parse()?;
+        if manifest.rows.is_some() != manifest.csv.is_some() {
+            let missing = if manifest.rows.is_some() { "[csv] with crc32, the manifest's end," } else { "rows" };
+            return Err(text.error(
+                None,
+                Problem::Missing { field: missing.into() },
+                "the manifest was cut off or edited: copy it again whole, or, where the recording was changed on purpose, remove \
+                 both `rows` and `[csv]`",
+            ));
+        }
         for joint in &manifest.joint {
             for (field, value) in [("position_gain_a_per_count", joint.position_gain_a_per_count), ("lead", joint.lead)]
             {
@@ -185,10 +222,42 @@ impl Manifest {
         Ok(())
     }
 
-    /// Writes a sidecar.
-    pub fn write(&self, path: &Path) -> Result<(), FileError> {
-        let text = toml::to_string(self).map_err(|error| FileError::not_serializable(path, error))?;
-        atomic::write(path, text.as_bytes())
+    /// Accepts the manifest at `path` only if it was written with the CSV of these rows and bytes at `csv_path`, or does
+    /// not say with which.
+    pub(super) fn check_csv(&self, path: &Path, csv_path: &Path, rows: usize, csv: &[u8]) -> Result<(), FileError> {
+        let (Some(stated_rows), Some(stated)) = (self.rows, &self.csv) else { return Ok(()) };
+        let found = ManifestCsv::of(csv);
+        if stated_rows == rows && *stated == found {
+            return Ok(());
+        }
+        let written = |path: &Path| std::fs::metadata(path).and_then(|file| file.modified()).ok();
+        let older = written(path).zip(written(csv_path)).and_then(|(manifest, csv)| match manifest.cmp(&csv) {
+            Ordering::Less => Some(path),
+            Ordering::Equal => None,
+            Ordering::Greater => Some(csv_path),
+        });
+        Err(FileError {
+            path: csv_path.to_path_buf(),
+            line: None,
+            problem: Problem::OtherManifest {
+                manifest: path.to_path_buf(),
+                stated: format!("{stated_rows} rows with CRC-32 {}", stated.crc32),
+                found: format!("{rows} with {}", found.crc32),
+                older: older.map(Path::to_path_buf),
+            },
+            remedy: format!(
+                "copy both again whole, or record again; where the rows were changed on purpose, remove `rows` and `[csv]` \
+                 from {}",
+                path.display()
+            ),
+        })
+    }
+
+    /// The text of a sidecar; with `csv`, that of the CSV of so many rows and these bytes alone.
+    pub(crate) fn to_toml(&self, csv: Option<(usize, &[u8])>) -> Result<String, toml::ser::Error> {
+        let written_with = csv.map(|(rows, csv)| (rows, ManifestCsv::of(csv)));
+        let (rows, csv) = written_with.unzip();
+        toml::to_string(&Self { rows, csv, ..self.clone() })
     }
 }
 

@@ -1,5 +1,6 @@
 //! Reading a recording, with every problem named by file, line, column, value, limit and remedy.
 
+use std::io;
 use std::path::Path;
 
 use super::{LEAST_SAMPLES, Manifest, ReadOptions, Recording, header, plausible};
@@ -14,11 +15,26 @@ const LARGEST_CURRENT_A: f64 = 1e6;
 pub(super) fn read(path: &Path, robot: &Robot, options: ReadOptions) -> Result<Recording, FileError> {
     let bytes = std::fs::read(path).map_err(|source| FileError::unreadable(path, source))?;
     let manifest_path = Recording::manifest_path(path);
-    let manifest = if manifest_path.is_file() { Some(Manifest::read(&manifest_path)?) } else { None };
+    let manifest = if is_there(&manifest_path)? { Some(Manifest::read(&manifest_path)?) } else { None };
     if let Some(manifest) = &manifest {
         manifest.check_joints(&manifest_path, robot)?;
     }
     from_bytes(path, &bytes, robot, options, manifest)
+}
+
+/// Whether there is a manifest. What stands in its place and is none is refused: the recording would go without its gains.
+fn is_there(manifest: &Path) -> Result<bool, FileError> {
+    let unreadable = |source: io::Error| FileError {
+        remedy: "put the recording's manifest there, or move away what is there".into(),
+        ..FileError::unreadable(manifest, source)
+    };
+    match std::fs::metadata(manifest) {
+        Ok(found) if found.is_file() => Ok(true),
+        Ok(_) => Err(unreadable(io::Error::other("it should be the recording's manifest, but is no file"))),
+        // A link that leads nowhere is there all the same.
+        Err(error) if error.kind() == io::ErrorKind::NotFound && manifest.symlink_metadata().is_err() => Ok(false),
+        Err(error) => Err(unreadable(error)),
+    }
 }
 
 /// Which groups of columns a header has.
@@ -59,7 +75,7 @@ pub(super) fn from_bytes(
         let more = reader.read_record(record).map_err(|source| FileError {
             path: path.to_path_buf(),
             line: None,
-            problem: Problem::Read(std::io::Error::other(source)),
+            problem: Problem::Read(io::Error::other(source)),
             remedy: "the file is damaged; record again".into(),
         })?;
         Ok(more.then(|| record.position().map_or(0, |position| position.line())))
@@ -122,6 +138,10 @@ pub(super) fn from_bytes(
             .push(format!("line {last_line} does not end with a line break: its last number may be cut off"));
     }
     let samples = recording.samples();
+    if let Some(manifest) = &mut recording.manifest {
+        manifest.check_csv(&Recording::manifest_path(path), path, samples, bytes)?;
+        (manifest.rows, manifest.csv) = (None, None);
+    }
     if samples < LEAST_SAMPLES {
         return Err(FileError {
             path: path.to_path_buf(),

@@ -1,6 +1,6 @@
 //! Files that cannot be used, one mistake at a time.
 
-use crate::bench::{BAD_FILE, Bench, FAILED, USAGE, replace_line};
+use crate::bench::{self, BAD_FILE, Bench, FAILED, USAGE, replace_line};
 
 #[test]
 fn bad_recordings_are_code_3_and_named_by_line() {
@@ -33,6 +33,74 @@ fn bad_recordings_are_code_3_and_named_by_line() {
     });
     spoil(&|text| text + "\n");
     refused(&["bad.toml", "position_gain_a_per_count", "NaN"]);
+}
+
+/// Old rows under a new manifest are what a program leaves that ends between the two, or a copy of one file alone.
+#[test]
+fn a_recording_and_a_manifest_that_do_not_belong_together_are_refused() {
+    let bench = Bench::new().with_recording();
+    let rows = std::fs::read_to_string(bench.path("run.csv")).unwrap();
+    bench.done("simulate --settle 0.5 --seed 2 --out run.csv --force");
+    std::fs::write(bench.path("run.csv"), &rows).unwrap();
+    let parts = [
+        "run.csv: does not belong to its manifest run.toml",
+        "states 5214 rows with CRC-32",
+        "here are 5214 with",
+        "run.toml is the older file",
+        "copy both again whole",
+        "remove `rows` and `[csv]` from run.toml",
+    ];
+    for command in ["identify run.csv", "calibrate run.csv", "identify run.csv --allow-gaps"] {
+        bench.refused(BAD_FILE, command, &parts);
+    }
+    // Who changed the rows on purpose can say so.
+    bench.spoil("run.toml", "run.toml", |text| bench::without_checksum(&text));
+    bench.done("calibrate run.csv");
+    // Another system's line ends are no other rows.
+    bench.done("simulate --settle 0 --out sent.csv");
+    bench.spoil("sent.csv", "sent.csv", |text| text.replace('\n', "\r\n"));
+    bench.done("calibrate sent.csv");
+}
+
+#[test]
+fn a_recording_or_a_manifest_cut_at_a_line_end_is_told() {
+    let bench = Bench::new().with_recording();
+    let first = |text: &str, lines: usize| text.lines().take(lines).map(|line| format!("{line}\n")).collect::<String>();
+    std::fs::copy(bench.path("run.toml"), bench.path("cut.toml")).unwrap();
+    bench.spoil("run.csv", "cut.csv", |text| first(&text, 2000));
+    bench.refused(BAD_FILE, "identify cut.csv", &["cut.csv", "states 5214 rows", "here are 1999"]);
+    let manifest = std::fs::read_to_string(bench.path("run.toml")).unwrap();
+    for lines in 0..manifest.lines().count() {
+        bench.spoil("run.toml", "cut.toml", |text| first(&text, lines));
+        let read = armid::recording::Manifest::read(&bench.path("cut.toml"));
+        assert!(read.is_err(), "cut after line {lines}: {read:?}");
+    }
+    bench.spoil("run.toml", "run.toml", |text| first(&text, 3));
+    bench.refused(BAD_FILE, "calibrate run.csv", &["run.toml", "is missing", "cut off", "copy it again whole"]);
+}
+
+#[test]
+fn unknown_keys_of_a_manifest_are_refused_with_their_line() {
+    let bench = Bench::new().with_recording();
+    bench.spoil("run.toml", "run.toml", |text| text.replace("loop_period_s", "loop_perod_s"));
+    bench.refused(BAD_FILE, "calibrate run.csv", &["run.toml:8", "loop_perod_s", "did you mean `loop_period_s`"]);
+}
+
+#[test]
+fn what_stands_in_the_place_of_a_manifest_and_is_none_is_told() {
+    let bench = Bench::new().with_recording();
+    std::fs::remove_file(bench.path("run.toml")).unwrap();
+    std::fs::create_dir(bench.path("run.toml")).unwrap();
+    let parts = ["run.toml", "cannot be read", "should be the recording's manifest", "move away what is there"];
+    bench.refused(BAD_FILE, "calibrate run.csv", &parts);
+    std::fs::remove_dir(bench.path("run.toml")).unwrap();
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("nowhere.toml", bench.path("run.toml")).unwrap();
+        bench.refused(BAD_FILE, "calibrate run.csv", &["run.toml", "cannot be read", "move away what is there"]);
+        std::fs::remove_file(bench.path("run.toml")).unwrap();
+    }
+    bench.done("calibrate run.csv");
 }
 
 /// Noise that counts twice would halve the variances stated, and what was fitted foretells itself.

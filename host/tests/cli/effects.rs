@@ -51,7 +51,7 @@ fn effects_that_are_not_compensated_are_named() {
     assert!(bench.done("upload model.toml --board sim").contains("compensated: cogging of joint 2"));
 
     // Nothing to compensate, nothing to compare.
-    bench.done("simulate --settle 0 --out x.csv --truth loose.toml --effect backlash:joint=3,gap_rad=0.001");
+    bench.done("simulate --settle 0 --out y.csv --truth loose.toml --effect backlash:joint=3,gap_rad=0.001");
     let tracked = bench.json("track --board sim --settle 0.5 --model loose.toml");
     assert!(tracked["ctc_without_effects"].is_null() && tracked["ctc"].is_object());
     bench.spoil("model.toml", "bad.toml", |text| text.replace("amplitude_nm = 0.02", "amplitude_nm = 2000.0"));

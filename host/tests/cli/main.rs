@@ -9,6 +9,7 @@ mod documentation;
 mod effects;
 mod export;
 mod load;
+mod outputs;
 mod page;
 mod readme;
 mod report;
@@ -220,12 +221,12 @@ fn results_never_destroy_what_they_are_made_of() {
     assert_eq!(kept("robot.toml"), robot);
     assert_eq!(kept("run.csv"), recording);
     // A second recording under the same name replaces the first with its manifest, as asked.
-    bench.done("simulate --settle 0 --out run.csv --seed 2");
+    bench.done("simulate --settle 0 --out run.csv --seed 2 --force");
     // Names without .csv keep recording and manifest, and each other's manifests, apart.
     for name in ["one.1", "one.2", "bare.toml"] {
         bench.done(&format!("simulate --settle 0 --out {name}"));
         assert!(kept(name).starts_with(b"tick,"), "{name}");
-        assert!(kept(&format!("{name}.toml")).starts_with(b"mode"), "{name}");
+        assert!(kept(&format!("{name}.toml")).starts_with(b"rows"), "{name}");
     }
 }
 

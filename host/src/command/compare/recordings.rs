@@ -9,7 +9,8 @@ use armid::robot::Robot;
 use serde_json::json;
 
 use super::super::CommandError;
-use super::super::common::{check_outputs, print, print_json, with_sidecars};
+use super::super::common::{print, print_json, with_sidecars};
+use super::super::outputs::{FileKind, check_outputs};
 use super::super::page::{self, ReportArguments};
 
 const WIDTH: u32 = 1100;
@@ -34,7 +35,7 @@ pub fn compare(
 ) -> Result<(), CommandError> {
     if let Some(plot) = plot {
         let paths: Vec<_> = recordings.iter().map(|recording| recording.path.clone()).collect();
-        check_outputs([plot], with_sidecars(&paths).iter().map(std::path::PathBuf::as_path))?;
+        check_outputs([(plot, FileKind::Picture)], with_sidecars(&paths).iter().map(std::path::PathBuf::as_path))?;
     }
     let differences: Vec<Vec<Difference>> = recordings[1..]
         .iter()

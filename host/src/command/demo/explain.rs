@@ -61,7 +61,7 @@ pub struct ExplainDemo {
 
 impl ExplainDemo {
     pub fn run(&self) -> Result<(), CommandError> {
-        self.common.check_report(&FILES)?;
+        self.common.begin(&FILES)?;
         let robot = Robot::paper();
         robot.write(&self.common.out.join("robot.toml"))?;
         let healthy = HiddenRobot::draw(&robot, self.common.seed);

@@ -60,7 +60,7 @@ impl LoadDemo {
         if !(0.2..=2.4).contains(&mass_kg) {
             return Err(CommandError::Usage(format!("--mass-kg {mass_kg} is not from 0.2 to 2.4 kg")));
         }
-        self.common.check_report(&FILES)?;
+        self.common.begin(&FILES)?;
         let robot = Robot::paper();
         robot.write(&self.common.out.join("robot.toml"))?;
         let hidden = HiddenRobot::draw(&robot, seed);
