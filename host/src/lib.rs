@@ -24,6 +24,7 @@
 //! explain_benchmark                          verdicts on recordings with hidden effects against the truth
 //! ```
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stderr, reason = "eprintln! panics where stderr is closed or full")]
 #![expect(clippy::result_large_err, reason = "an error ends the command; none is on a path that is often taken")]
 
 mod atomic;

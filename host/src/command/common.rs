@@ -56,7 +56,7 @@ impl RobotArguments {
 #[derive(Clone, Debug, Args)]
 pub struct BoardArguments {
     /// Board: usb, usb:SERIAL, tcp:HOST:PORT, serial:PATH[@BAUD] or sim; without it, the one found on USB
-    #[arg(long, value_name = "BOARD", env = "ARMID_BOARD")]
+    #[arg(long, value_name = "BOARD", env = super::BOARD_VARIABLE)]
     pub board: Option<Address>,
     /// Seed of the simulated board's hidden robot and noise
     #[arg(long, default_value_t = 1)]
@@ -467,7 +467,7 @@ pub fn print_json(value: &serde_json::Value) -> Result<(), CommandError> {
     print(value.to_string())
 }
 
-/// Writes advice to stderr.
+/// Writes advice to stderr. Nothing ends because nobody can be told.
 pub fn advise(text: impl AsRef<str>) {
-    eprintln!("{}", text.as_ref());
+    let _ = writeln!(std::io::stderr(), "{}", text.as_ref());
 }

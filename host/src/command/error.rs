@@ -2,7 +2,7 @@
 
 use armid::board_setup::SetupError;
 use armid::calibrate::CalibrateError;
-use armid::client::{ClientError, SessionError};
+use armid::client::{AskedBy, ClientError, SessionError};
 use armid::effects::EffectError;
 use armid::excite::ExciteError;
 use armid::file_error::FileError;
@@ -71,6 +71,9 @@ pub enum CommandError {
     /// Arguments that do not go together.
     #[error("{0}; see --help")]
     Usage(String),
+    /// The end was asked for.
+    #[error("ended by {}: nothing more was moved", .0.name())]
+    Interrupted(AskedBy),
     /// Standard output is closed.
     #[error("the result could not be written: {0}")]
     Output(std::io::Error),
@@ -139,6 +142,7 @@ impl CommandError {
                 super::flash::ProbeError::Flash { .. } => FAILED,
                 _ => UNREACHABLE,
             },
+            Self::Interrupted(by) => by.exit_code(),
             Self::Incomplete { board_lost: true, .. } => UNREACHABLE,
             Self::Calibrate(_)
             | Self::Identify(_)

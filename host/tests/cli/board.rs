@@ -26,6 +26,27 @@ fn an_unreachable_board_is_code_4() {
 }
 
 #[test]
+fn an_empty_board_variable_is_as_good_as_none() {
+    let bench = Bench::new();
+    for arguments in ["info", "doctor"] {
+        let run = |board| bench.command(arguments).env("ARMID_BOARD", board).output().unwrap().status.code();
+        assert_eq!(run(""), bench.run(arguments).status.code(), "{arguments}");
+        assert_eq!(run("nonsense"), Some(USAGE), "{arguments}");
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn nothing_fails_because_stderr_is_full() {
+    let bench = Bench::new();
+    let full = || std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let run = |arguments| bench.command(arguments).stderr(full()).output().unwrap().status.code();
+    assert_eq!(run("record --board sim --settle 0 --out a.csv"), Some(0));
+    assert_eq!(run("record --board sim --settle 0 --out a.csv"), Some(USAGE), "it exists");
+    assert_eq!(run("new-robot --ask"), Some(USAGE), "nobody answers");
+}
+
+#[test]
 fn gains_above_the_stability_limit_never_move_anything() {
     let bench = Bench::new().with_recording();
     bench.done("simulate --settle 0 --out x.csv --truth model.toml");
