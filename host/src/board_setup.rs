@@ -7,7 +7,7 @@ use shared::protocol::{
 use shared::trajectory::MotionLimits;
 
 use crate::effects::EffectError;
-use crate::robot::{DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS, Joint, Kind, Law, Robot, UnsafeGain};
+use crate::robot::{DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS, FrictionError, Joint, Kind, Law, Robot, UnsafeGain};
 
 /// Joint speed that is a fault, as a multiple of the speed a movement may have.
 const SPEED_MARGIN: f64 = 1.5;
@@ -41,6 +41,9 @@ pub enum SetupError {
     /// An effect of the model cannot be.
     #[error("the model's {0}")]
     Effect(#[from] EffectError),
+    /// Friction that a drive can never overcome.
+    #[error("the model's {0}; {remedy}", remedy = FrictionError::REMEDY)]
+    Friction(#[from] FrictionError),
     /// A gain is not stable.
     #[error("{0}; nothing was moved")]
     Unstable(#[from] UnsafeGain),

@@ -2,6 +2,7 @@
 
 mod computed_torque;
 mod file;
+mod friction;
 mod gripper;
 mod identity;
 mod stability;
@@ -16,6 +17,7 @@ use shared::trajectory::MotionLimits;
 
 use crate::file_error::FileError;
 
+pub use friction::FrictionError;
 pub use gripper::Gripper;
 pub use stability::UnsafeGain;
 

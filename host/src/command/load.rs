@@ -176,13 +176,14 @@ impl LoadCommand {
             None => self.model_of_board(&robot)?,
         };
         let settings = self.load.settings(&robot, &model, self.place)?;
+        let board_model = for_board(&robot, &model)?;
         movement.advise_margins();
         let mut client = if self.load.differential {
             self.board.connect_ready_to_take_up(&robot, self.load.collect + TAKEN_UP_AFTER_S)?
         } else {
             self.board.connect_ready(&robot)?
         };
-        client.upload(&for_board(&robot, &model)?)?;
+        client.upload(&board_model)?;
         client.identify_load(&settings)?;
         let seed = self.board.simulated_seed();
         let path = self.out.clone().unwrap_or_default();

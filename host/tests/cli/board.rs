@@ -63,6 +63,32 @@ fn gains_above_the_stability_limit_never_move_anything() {
     bench.done("simulate --robot card.toml --settle 0.2 --out with-card.csv");
 }
 
+/// Neither is anything sent nor anything computed for ever.
+#[test]
+fn a_model_with_friction_that_no_drive_overcomes_reaches_no_board() {
+    let bench = Bench::new();
+    bench.done("simulate --settle 0 --out x.csv --truth model.toml");
+    let spoil = |key: &str, value: &str| {
+        bench.spoil("model.toml", "absurd.toml", |text| {
+            let changed =
+                |line: &str| if line.starts_with(key) { format!("{key} = [{value}, 0.001]") } else { line.into() };
+            text.lines().map(|line| changed(line) + "\n").collect()
+        });
+    };
+    for (key, value, kind) in [
+        ("coulomb_nm", "13.0", "Coulomb"),
+        ("coulomb_nm", "1e308", "Coulomb"),
+        ("viscous_nm_s_per_rad", "1000.0", "viscous"),
+        ("viscous_nm_s_per_rad", "1e308", "viscous"),
+    ] {
+        spoil(key, value);
+        for command in ["upload absurd.toml", "track --model absurd.toml", "record --model absurd.toml --out y.csv"] {
+            bench.refused(BAD_FILE, &format!("{command} --board usb"), &["absurd.toml:", kind, "joint 2", "below"]);
+        }
+        bench.refused(BAD_FILE, "info --margins --model absurd.toml", &["absurd.toml:", kind]);
+    }
+}
+
 #[test]
 fn movements_beyond_the_limits_are_refused() {
     let bench = Bench::new();
