@@ -197,6 +197,16 @@ impl Settings {
     }
 }
 
+/// How long a movement lasts where nothing is said, in s: two of the paper's, or what the board's memory holds.
+pub fn usual_duration_s(robot: &Robot) -> f64 {
+    (2.0 * 3.65_f64).min(longest_duration_s(robot))
+}
+
+/// What the board's memory holds, in s.
+fn longest_duration_s(robot: &Robot) -> f64 {
+    DEFAULT_SAMPLES as f64 * robot.record_period_s
+}
+
 /// Periods in a movement of `duration_s`: each about as long as the paper's, so that few harmonics reach the
 /// frequencies where inertia shows.
 pub fn default_repeats(duration_s: f64) -> u32 {
@@ -417,7 +427,7 @@ fn binding(margins: &Margins, limits: &MotionLimits, loop_margins: &[LoopMargin]
 fn check(settings: &Settings, robot: &Robot) -> Result<(), ExciteError> {
     let refuse = |what, value: String, limit: String| Err(ExciteError::Setting { what, value, limit });
     // A hair more, so that 7.35 s is not refused for the last bit of 0.0007 s.
-    let longest_s = DEFAULT_SAMPLES as f64 * robot.record_period_s * (1.0 + 1e-9);
+    let longest_s = longest_duration_s(robot) * (1.0 + 1e-9);
     if !(1.0..=longest_s).contains(&settings.duration_s) {
         let limit = format!("from 1 to {longest_s:.2} s: the board's memory holds {DEFAULT_SAMPLES} samples");
         return refuse("--duration", format!("{} s", settings.duration_s), limit);

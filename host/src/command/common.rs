@@ -18,7 +18,7 @@ use armid::robot::{Gripper, Robot};
 use armid::trajectory_file;
 use clap::Args;
 use shared::protocol::Configuration;
-use shared::trajectory::{Margins, Trajectory};
+use shared::trajectory::{LimitError, Margins, Quantity, Trajectory};
 
 use super::{CommandError, wording};
 
@@ -189,6 +189,7 @@ const PAPER: &str = "paper";
 const DEFAULT_SETTLE_S: f64 = 2.0;
 
 /// A movement that may be started.
+#[derive(Clone)]
 pub struct Prepared {
     pub trajectory: Trajectory,
     /// The movement in words.
@@ -200,6 +201,16 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    fn new(trajectory: Trajectory, name: String, settle_ns: u64, robot: &Robot) -> Result<Self, CommandError> {
+        let margins = check_limits(&trajectory, robot, &board_setup::configuration(robot)?)?;
+        Ok(Self { trajectory, name, settle_ns, margins })
+    }
+
+    /// A movement that was made for `robot`, to be run after standing as long as before this one.
+    pub fn beside(&self, trajectory: Trajectory, name: String, robot: &Robot) -> Result<Self, CommandError> {
+        Self::new(trajectory, name, self.settle_ns, robot)
+    }
+
     /// Shows the margins left to the robot's limits.
     pub fn advise_margins(&self) {
         for row in &self.margins.rows {
@@ -232,8 +243,12 @@ impl TrajectoryArguments {
     pub fn prepare(&self, robot: &Robot) -> Result<Prepared, CommandError> {
         let (trajectory, name) = self.read()?;
         let settle_ns = self.settle_ns()?;
-        let margins = check_limits(&trajectory, robot, &board_setup::configuration(robot)?)?;
-        Ok(Prepared { trajectory, name, settle_ns, margins })
+        Prepared::new(trajectory, name, settle_ns, robot).map_err(|error| match error {
+            CommandError::Limit(limit) if self.file().is_none() && is_about_position(&limit) => {
+                CommandError::PaperMovement(limit)
+            }
+            error => error,
+        })
     }
 
     /// The file the movement is read from, if any.
@@ -257,6 +272,11 @@ impl TrajectoryArguments {
         }
         Err(CommandError::Usage(format!("--settle {} is not from 0 to 60 s", self.settle)))
     }
+}
+
+/// Whether a movement goes where the robot may not be, however slowly.
+fn is_about_position(limit: &LimitError) -> bool {
+    matches!(limit, LimitError::Exceeded(margin) if matches!(margin.quantity, Quantity::PositionLow | Quantity::PositionHigh))
 }
 
 /// How near a movement comes to the robot's limits, or the limit it breaks.

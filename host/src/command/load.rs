@@ -14,8 +14,8 @@ use serde_json::{Value, json};
 use shared::load::{LONGEST_COLLECTION_ROWS, LoadEstimate, LoadNews, LoadSettings, Rejected, Waiting};
 
 use super::common::{
-    BoardArguments, Existing, RobotArguments, TrajectoryArguments, advise, check_recording_outputs, for_board, print,
-    print_json, read_model, with_sidecars,
+    BoardArguments, Existing, Prepared, RobotArguments, TrajectoryArguments, advise, check_recording_outputs,
+    for_board, print, print_json, read_model, with_sidecars,
 };
 use super::page::{self, ReportArguments};
 use super::run::Run;
@@ -171,9 +171,9 @@ impl LoadCommand {
             Some(path) => read_model(path, &robot)?,
             None if self.board.is_simulated() => {
                 let mut empty = self.board.empty_handed().connect_ready(&robot)?;
-                own_model::identified(&mut empty, &robot, self.board.seed)?
+                own_model::identified(&mut empty, &robot, &movement, self.board.seed)?
             }
-            None => self.model_of_board(&robot)?,
+            None => self.model_of_board(&robot, &movement)?,
         };
         let settings = self.load.settings(&robot, &model, self.place)?;
         let board_model = for_board(&robot, &model)?;
@@ -257,7 +257,7 @@ impl LoadCommand {
 
     /// A real board's model cannot be told to be without a load, and has no standard errors; so its movements are recorded
     /// where it has none, and then the load has to be taken up.
-    fn model_of_board(&self, robot: &Robot) -> Result<Model, CommandError> {
+    fn model_of_board(&self, robot: &Robot, movement: &Prepared) -> Result<Model, CommandError> {
         let mut client: Client = self.board.connect_ready(robot)?;
         if let Some(active) = client.active_model()? {
             advise(
@@ -265,7 +265,7 @@ impl LoadCommand {
             );
             return Ok(own_model::of_board(&active));
         }
-        let model = own_model::identified(&mut client, robot, self.board.seed)?;
+        let model = own_model::identified(&mut client, robot, movement, self.board.seed)?;
         client.upload(&for_board(robot, &model)?)?;
         Err(CommandError::Failed(
             "the board had no model; it has one of the arm as it is now, which should be empty: take up the load and run \
