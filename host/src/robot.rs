@@ -306,7 +306,7 @@ impl Robot {
             self.loop_period_s,
             ratio.round() >= 1.0 && (ratio - ratio.round()).abs() < 1e-6 * ratio,
             "a whole fraction of record_period_s",
-            "choose record_period_s / 1, 2, 7, 14…",
+            "choose record_period_s / 1, 2, 3…; the board offers 0.0007, 0.00035, 0.0001 and 0.00005 s",
         )?;
         all(
             "command_delay_s",

@@ -214,7 +214,7 @@ impl Prepared {
     /// Shows the margins left to the robot's limits.
     pub fn advise_margins(&self) {
         for row in &self.margins.rows {
-            advise(row.to_string());
+            advise(wording::in_its_words(&row.to_string()));
         }
     }
 }

@@ -336,10 +336,10 @@ impl Outcome {
         for (name, told, (value, error), unit) in std::iter::once(("mass", true, mass, "kg")).chain(all) {
             table = table.row([
                 Cell::from(name),
-                Cell::fixed(f64::from(value), 4),
-                Cell::fixed(f64::from(error), 4),
+                Cell::significant(f64::from(value)),
+                Cell::scientific(f64::from(error)),
                 Cell::from(unit),
-                Cell::from(if told { "yes" } else { "no: as it was given" }),
+                Cell::from(if told { "yes" } else { "no more than what was given" }),
             ]);
         }
         Section::new("Load").table(table).text(format!(
@@ -370,9 +370,9 @@ impl Outcome {
         ]) {
             let (name, from_data) = name;
             lines.push(if from_data {
-                format!("{name}: {value:.4} ± {error:.4} {unit}")
+                format!("{name}: {} {unit}", with_error(value, error))
             } else {
-                format!("{name}: {value:.4} {unit}, as it was given; these rows do not tell")
+                format!("{name}: {} {unit}; these rows tell no more than what was given", with_error(value, error))
             });
         }
         let largest: Vec<String> =
@@ -384,9 +384,15 @@ impl Outcome {
 
 /// The load in use, in one line.
 pub fn active(found: &LoadEstimate) -> String {
+    format!("now active: {} kg", with_error(found.mass_kg, found.standard_error_kg))
+}
+
+/// A value and its standard error to the same digit: hundredths, or as fine as two digits of the error need.
+fn with_error(value: f32, error: f32) -> String {
+    let first = if error > 0.0 { -f64::from(error).log10().floor() } else { 2.0 };
     // Two digits say nothing of an error of grams.
-    let digits = if found.standard_error_kg < 0.01 { 3 } else { 2 };
-    format!("now active: {:.digits$} ± {:.digits$} kg", found.mass_kg, found.standard_error_kg)
+    let digits = if error >= 0.01 { 2 } else { (first + 1.0).clamp(3.0, 9.0) as usize };
+    format!("{value:.digits$} ± {error:.digits$}")
 }
 
 /// What is told of a load in the gripper of `robot`, in words.
@@ -404,9 +410,8 @@ pub fn sentence(robot: &Robot, news: &LoadNews) -> String {
         ),
         LoadNews::Found(found) => active(found),
         LoadNews::Rejected(why, found) => format!(
-            "not used: {:.2} ± {:.2} kg, because {}; collecting again",
-            found.mass_kg,
-            found.standard_error_kg,
+            "not used: {} kg, because {}; collecting again",
+            with_error(found.mass_kg, found.standard_error_kg),
             match why {
                 Rejected::TooHeavy => "the rows want more than the largest load (--maximum-kg)",
                 Rejected::Negative => "the rows want less than no load: the model of the empty arm is wrong",

@@ -3,6 +3,7 @@
 use shared::control::PositionLoop;
 
 use super::{Draft, proposal};
+use crate::board_setup::loop_periods_s;
 use crate::links::Link;
 use crate::robot::{Kind, Law, Robot, Unit};
 
@@ -92,7 +93,12 @@ pub(super) fn steps(robot: &Robot) -> Vec<Step> {
             "loop_period_s",
             "Time between two ticks of the position loop",
             "s",
-            |draft, _| shown(draft.robot.record_period_s),
+            |draft, _| {
+                let robot = &draft.robot;
+                let boards =
+                    if robot.kind == Kind::TwoLink { loop_periods_s(robot.record_period_s) } else { Vec::new() };
+                shown(boards.first().copied().unwrap_or(robot.record_period_s))
+            },
             Put::Number(|draft, _, value| draft.robot.loop_period_s = value),
         ),
         step(
