@@ -206,7 +206,7 @@ impl Asked<'_> {
         }
         progress("writing down what was found");
         let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
-        if priors {
+        if priors && matches!(explanation.verdict, Verdict::Named | Verdict::Partial) {
             let fitted = crate::identified_model::provenance(robot, recordings, "full", seed).remove("recordings");
             let provenance = &mut explanation.model.provenance;
             let of_baseline = fitted.and_then(|fitted| provenance.insert("recordings".into(), fitted));

@@ -442,3 +442,15 @@ fn why_not(robot: &Robot, told: &[Told]) -> String {
         None => "no load is active at the end of the movement, and the identification said nothing".into(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::with_error;
+
+    #[test]
+    fn a_load_of_a_small_robot_has_its_digits() {
+        assert_eq!(with_error(1.7234, 0.031), "1.72 ± 0.03");
+        assert_eq!(with_error(0.3, 0.000_042), "0.300000 ± 0.000042");
+        assert_eq!(with_error(0.3, 0.0), "0.300 ± 0.000");
+    }
+}
