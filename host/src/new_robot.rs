@@ -222,11 +222,11 @@ fn check(step: &Step, draft: &Draft, given: &str) -> Result<(), AnswerError> {
 fn check_for_board(step: &Step, robot: &Robot) -> Result<(), (String, String)> {
     let joint = &robot.joints[step.index];
     match step.field {
-        "record_period_s" if robot.record_period_s.is_finite() => {
-            if loop_periods_s(robot.record_period_s).is_empty() && (1e-5..=0.1).contains(&robot.record_period_s) {
-                let limit = "1 to 320 times one of the board's loop periods: 0.0007, 0.00035, 0.0001 or 0.00005 s";
-                return Err((limit.into(), "choose a multiple of one of them".into()));
-            }
+        "record_period_s"
+            if (1e-5..=0.1).contains(&robot.record_period_s) && loop_periods_s(robot.record_period_s).is_empty() =>
+        {
+            let limit = "1 to 320 times one of the board's loop periods: 0.0007, 0.00035, 0.0001 or 0.00005 s";
+            return Err((limit.into(), "choose a multiple of one of them".into()));
         }
         "loop_period_s" => {
             let offered = loop_periods_s(robot.record_period_s);

@@ -40,15 +40,15 @@ mod tests {
         let judged = |share: fn(usize) -> f64| -> [f64; PARAMETERS] {
             let mut robot = Robot::paper();
             let mut values = Values::of_robot(&robot);
-            for index in 0..PARAMETERS {
-                robot.search[index] = robot.search[index].map(|end| share(index) * end);
-                values.f[index] = share(index) * REFERENCE_F[index];
+            values.f = std::array::from_fn(|index| share(index) * REFERENCE_F[index]);
+            for (index, range) in robot.search.iter_mut().enumerate() {
+                *range = range.map(|end| share(index) * end);
             }
             std::array::from_fn(|index| magnitude(&robot, &values, Parameter::F(index)))
         };
         let (large, small) = (judged(|_| 1.0), judged(share));
-        for index in 0..PARAMETERS {
-            let own = if matches!(index, 2 | 4 | 7) { 1.0 } else { REFERENCE_F[index].abs() };
+        for (index, f) in REFERENCE_F.into_iter().enumerate() {
+            let own = if matches!(index, 2 | 4 | 7) { 1.0 } else { f.abs() };
             assert_eq!(large[index], own, "f{}", index + 1);
             assert!((small[index] / (share(index) * own) - 1.0).abs() < 1e-12, "f{}", index + 1);
         }
