@@ -136,6 +136,20 @@ pub struct JointLimits {
 }
 
 impl JointLimits {
+    /// Limits of joint `index` where the file gives none.
+    pub(crate) fn not_given(index: usize, unit: Unit) -> Self {
+        match unit {
+            Unit::Radian => Self::reference_robot(index),
+            // Nothing is known about a linear axis' travel; it is never moved by this tool.
+            Unit::Metre => Self {
+                position_low_rad: f64::MIN,
+                position_high_rad: f64::MAX,
+                speed_rad_s: f64::MAX,
+                acceleration_rad_s2: f64::MAX,
+            },
+        }
+    }
+
     /// Limits of joint `index` where the file gives none: those of the reference robot,
     /// [`MotionLimits::reference_robot`].
     pub fn reference_robot(index: usize) -> Self {

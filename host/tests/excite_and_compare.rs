@@ -81,7 +81,7 @@ fn a_design_for_another_arm_is_not_compared_with_what_it_cannot_do() {
     assert!(told.contains("joint shoulder lowest position") && !told.contains("joint 2"), "{told}");
     let design = bench.json(command);
     assert!(design["worst_ratio"].is_null() && design["paper"].is_null(), "{design}");
-    let weak = robot.replacen("current_limit_a = 12", "current_limit_a = 0.5", 1);
+    let weak = robot.replacen("current_limit_a = 12.0", "current_limit_a = 0.5", 1);
     std::fs::write(bench.path("weak.toml"), weak).unwrap();
     bench.refused(5, "excite --robot weak.toml --duration 3 --generations 1", &["its limit of 0.5 A: the best needs"]);
 }

@@ -5,7 +5,7 @@ use shared::control::PositionLoop;
 use super::{Draft, proposal};
 use crate::board_setup::loop_periods_s;
 use crate::links::Link;
-use crate::robot::{Kind, Law, Robot, Unit};
+use crate::robot::{JointLimits, Kind, Law, Robot, Unit};
 
 /// Where an answer goes.
 #[derive(Clone, Copy)]
@@ -366,7 +366,8 @@ fn put_unit(draft: &mut Draft, _: usize, answer: &str) -> Result<(), &'static st
         "rad" => draft.robot.unit = Unit::Radian,
         "m" => {
             draft.robot.unit = Unit::Metre;
-            for joint in &mut draft.robot.joints {
+            for (index, joint) in draft.robot.joints.iter_mut().enumerate() {
+                joint.limits = JointLimits::not_given(index, Unit::Metre);
                 joint.viscous_friction_nm_s_per_rad = None;
                 joint.coulomb_friction_nm = None;
             }

@@ -70,7 +70,7 @@ pub(super) fn to_toml(robot: &Robot) -> String {
             line("coulomb_friction_nm", number(value));
         }
         line("current_full_scale_a", number(joint.current_full_scale_a));
-        if uses_all || joint.limits != JointLimits::reference_robot(index) {
+        if uses_all || joint.limits != JointLimits::not_given(index, robot.unit) {
             line("position_low_rad", number(joint.limits.position_low_rad));
             line("position_high_rad", number(joint.limits.position_high_rad));
             line("speed_limit_rad_s", number(joint.limits.speed_rad_s));
