@@ -7,7 +7,7 @@ use shared::protocol::{
 use shared::trajectory::MotionLimits;
 
 use crate::effects::EffectError;
-use crate::robot::{DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS, Joint, Kind, Law, Robot, UnsafeGain};
+use crate::robot::{DEFAULT_FOLLOWING_ERROR_LIMIT_COUNTS, FrictionError, Joint, Kind, Law, Robot, UnsafeGain};
 
 /// Joint speed that is a fault, as a multiple of the speed a movement may have.
 const SPEED_MARGIN: f64 = 1.5;
@@ -19,6 +19,12 @@ const LINK_TIMEOUT_NS: u64 = 1_000_000_000;
 const CURRENT_LIMIT_TIME_NS: u64 = 500_000_000;
 /// How long a stop takes from full speed.
 const STOP_TIME_NS: u64 = 300_000_000;
+
+/// Most loop periods in a record period.
+const MOST_LOOPS_PER_RECORD: f64 = 320.0;
+
+/// Least viscous friction that the board takes, N m s/rad.
+pub(crate) const LEAST_VISCOUS_FRICTION_NM_S_PER_RAD: f64 = 1e-9;
 
 /// Why a robot cannot run on a board.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -38,9 +44,25 @@ pub enum SetupError {
     /// The loop period is not one of the board's.
     #[error("loop_period_s is {0}, but the board offers 0.0007, 0.00035, 0.0001 and 0.00005; choose one of them")]
     LoopPeriod(f64),
+    /// The board would switch off within the current that the amplifier may give.
+    #[error(
+        "current_full_scale_a of joint {joint} is {full_scale_a}, but must be at least {least_a}: the board switches off at \
+         95 % of it, and the amplifier gives up to current_limit_a; give the range of the sensor, or lower current_limit_a"
+    )]
+    FullScale {
+        /// Name of the joint.
+        joint: String,
+        /// Its value.
+        full_scale_a: f64,
+        /// What it must be at least.
+        least_a: String,
+    },
     /// An effect of the model cannot be.
     #[error("the model's {0}")]
     Effect(#[from] EffectError),
+    /// Friction that a drive can never overcome.
+    #[error("the model's {0}; {remedy}", remedy = FrictionError::REMEDY)]
+    Friction(#[from] FrictionError),
     /// A gain is not stable.
     #[error("{0}; nothing was moved")]
     Unstable(#[from] UnsafeGain),
@@ -93,6 +115,29 @@ pub fn configuration(robot: &Robot) -> Result<Configuration, SetupError> {
     })
 }
 
+/// Loop periods of the board that a record period is a multiple of, in s, longest first.
+pub(crate) fn loop_periods_s(record_period_s: f64) -> Vec<f64> {
+    let divides = |period_s: &f64| {
+        let ratio = record_period_s / period_s;
+        (1.0..=MOST_LOOPS_PER_RECORD).contains(&ratio.round()) && (ratio - ratio.round()).abs() < 1e-6 * ratio
+    };
+    LOOP_PERIODS_NS.iter().map(|&period_ns| f64::from(period_ns) / 1e9).filter(divides).collect()
+}
+
+/// Accepts a current range of the converters that measures what the amplifier may give.
+pub(crate) fn check_full_scale(joint: &Joint) -> Result<(), SetupError> {
+    let least_a = joint.current_limit_a / OVER_CURRENT_SHARE;
+    if joint.current_full_scale_a >= least_a {
+        return Ok(());
+    }
+    Err(SetupError::FullScale {
+        joint: joint.name.clone(),
+        full_scale_a: joint.current_full_scale_a,
+        // Rounded up, so that the number named is accepted.
+        least_a: format!("{:.3}", (1e3 * least_a).ceil() / 1e3),
+    })
+}
+
 fn joint_constants(robot: &Robot, index: usize, joint: &Joint) -> Result<JointConstants, SetupError> {
     let Law::Proportional(position_loop) = joint.law else {
         return Err(SetupError::Cascade(joint.name.clone()));
@@ -101,6 +146,7 @@ fn joint_constants(robot: &Robot, index: usize, joint: &Joint) -> Result<JointCo
     else {
         return Err(SetupError::UnknownFriction(joint.name.clone()));
     };
+    check_full_scale(joint)?;
     Ok(JointConstants {
         gear_ratio: joint.gear_ratio,
         counts_per_rev: joint.counts_per_rev,

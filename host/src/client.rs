@@ -12,7 +12,7 @@ use shared::protocol::{
     PROTOCOL_VERSION, Refusal, Reply, Request, encode_host_message,
 };
 
-pub use interrupt::Interrupt;
+pub use interrupt::{AskedBy, Interrupt};
 pub use movement::{Movement, MovementPlan, MovementProgress, MovementWatcher, Unwatched};
 pub use session::{ModelReceipt, Pose, SessionError};
 

@@ -53,6 +53,8 @@ const EXIT_CODES: &str = "Exit codes:
   3  bad input file
   4  board unreachable
   5  refused as unsafe
+  129, 130, 143  ended by SIGHUP, Ctrl-C or SIGTERM with nothing of a movement to keep
+  101, 134  a fault of the program itself
 
 Results go to stdout, progress and advice to stderr. Every command has its own --help.";
 
@@ -105,9 +107,12 @@ enum Command {
     Man(man::Manual),
 }
 
+/// The variable that names the board where no option does.
+const BOARD_VARIABLE: &str = "ARMID_BOARD";
+
 /// The arguments of this process; wrong usage, and what asks for help, ends it.
 pub fn arguments() -> Arguments {
-    let mut parser = values_may_be_negative(Arguments::command());
+    let mut parser = without_empty_board(values_may_be_negative(Arguments::command()));
     let matches = parser.get_matches_mut();
     Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut parser).exit())
 }
@@ -119,6 +124,24 @@ fn values_may_be_negative(command: clap::Command) -> clap::Command {
     command
         .mut_args(|argument| if option(&argument) { argument.allow_negative_numbers(true) } else { argument })
         .mut_subcommands(values_may_be_negative)
+}
+
+/// An empty variable names no board: it is as good as unset.
+fn without_empty_board(command: clap::Command) -> clap::Command {
+    if std::env::var_os(BOARD_VARIABLE).is_none_or(|board| !board.is_empty()) {
+        return command;
+    }
+    command
+        .mut_args(|argument| {
+            let names_board = argument.get_env() == Some(BOARD_VARIABLE.as_ref());
+            if names_board { argument.env(None::<&str>) } else { argument }
+        })
+        .mut_subcommands(without_empty_board)
+}
+
+/// Tells why a command ended without its result.
+pub fn tell(error: &CommandError) {
+    common::advise(format!("error: {}", error.message()));
 }
 
 /// Carries out what the command line asks for.

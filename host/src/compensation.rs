@@ -44,15 +44,22 @@ pub fn board_model(robot: &Robot, model: &Model) -> Result<BoardModel, SetupErro
     let [second, third] = &all.joints;
     let torque_constant =
         |joint: usize| robot.joints[joint].torque_constant_nm_per_a * (1.0 + all.joints[joint].torque_constant_change);
+    let viscous_friction_nm_s_per_rad = [0, 1].map(|joint: usize| {
+        let effects = &all.joints[joint];
+        // Current that the back-EMF takes away is replaced by the torque it would have given.
+        viscous[joint] + effects.viscous_change_nm_s_per_rad + torque_constant(joint) * effects.back_emf_a_s_per_rad
+    });
+    let coulomb_friction_nm =
+        [0, 1].map(|joint: usize| (coulomb[joint] + all.joints[joint].coulomb_change_nm).max(0.0));
+    for joint in 0..2 {
+        robot.check_viscous_friction(joint, viscous_friction_nm_s_per_rad[joint])?;
+        robot.check_coulomb_friction(joint, coulomb_friction_nm[joint])?;
+    }
     Ok(BoardModel {
         robot_identity,
         f: loaded_and_leaning(model.f, &all.arm),
-        viscous_friction_nm_s_per_rad: [0, 1].map(|joint| {
-            let effects = &all.joints[joint];
-            // Current that the back-EMF takes away is replaced by the torque it would have given.
-            viscous[joint] + effects.viscous_change_nm_s_per_rad + torque_constant(joint) * effects.back_emf_a_s_per_rad
-        }),
-        coulomb_friction_nm: [0, 1].map(|joint| (coulomb[joint] + all.joints[joint].coulomb_change_nm).max(0.0)),
+        viscous_friction_nm_s_per_rad,
+        coulomb_friction_nm,
         compensation: [(second, motor_inertia[0]), (third, motor_inertia[1])].map(|(joint, inertia)| {
             JointCompensation {
                 // To a motor that moves, friction that differs by direction is an offset of half the difference.
@@ -159,6 +166,18 @@ mod tests {
         assert_eq!(board_model(&robot, &model).unwrap().compensation[0].torque_offset_nm, 0.02);
         let (robot, model) = model_with("coulomb-friction:joint=2,change_nm=-9");
         assert_eq!(board_model(&robot, &model).unwrap().coulomb_friction_nm[0], 0.0);
+    }
+
+    #[test]
+    fn friction_that_a_drive_never_overcomes_is_refused_wherever_it_comes_from() {
+        for (effect, told) in [
+            ("coulomb-friction:joint=2,change_nm=2.9", "Coulomb friction of joint 2 is 3.0"),
+            ("back-emf:joint=3,current_a_s_per_rad=0.2", "viscous friction of joint 3 is 0.05"),
+        ] {
+            let (robot, model) = model_with(effect);
+            let refused = board_model(&robot, &model).unwrap_err().to_string();
+            assert!(refused.contains(told) && refused.contains("correct the number"), "{refused}");
+        }
     }
 
     /// An effect that nobody says why it is not compensated changes what the board is told.

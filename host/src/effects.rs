@@ -80,6 +80,16 @@ pub enum EffectError {
         /// Joints that may be meant.
         choices: String,
     },
+    /// The effect is the whole arm's.
+    #[error(
+        "{effect}: it is the whole arm's, not that of joint \"{joint}\"; leave joint= out, or write joint={BOTH_JOINTS}"
+    )]
+    OfWholeArm {
+        /// The effect.
+        effect: &'static str,
+        /// The joint.
+        joint: String,
+    },
     /// The same effect twice.
     #[error("{effect} of joint {joint} is given twice; give it once, with all its parameters")]
     Twice {
@@ -282,7 +292,7 @@ fn joint_index(entry: &'static Entry, joint: &str, robot: &Robot) -> Result<usiz
     let unknown = |choices: String| EffectError::UnknownJoint { effect: entry.name, joint: joint.into(), choices };
     match entry.scope {
         Scope::Arm if joint == BOTH_JOINTS => Ok(0),
-        Scope::Arm => Err(unknown(format!("\"{BOTH_JOINTS}\": the effect is the whole arm's"))),
+        Scope::Arm => Err(EffectError::OfWholeArm { effect: entry.name, joint: joint.into() }),
         Scope::Joint => robot
             .joints
             .iter()

@@ -7,6 +7,7 @@
 //! ```
 
 mod evolution;
+mod magnitude;
 mod movement;
 mod prediction;
 
@@ -23,6 +24,7 @@ use crate::model::Model;
 use crate::random::Random;
 use crate::robot::Robot;
 use evolution::Evolution;
+use magnitude::magnitude;
 pub use movement::references_rad;
 use movement::{MovementSpace, tightest};
 pub use prediction::Prediction;
@@ -109,8 +111,8 @@ pub enum ExciteError {
     },
     /// Even the best movement breaks a limit that the simulation watches.
     #[error(
-        "no movement of {duration_s} s keeps the {quantity} of joint {joint} within {share:.0} % of its limit of {limit}: \
-         the best reaches {peak:.4} {unit}; {remedy}"
+        "no movement of {duration_s} s keeps the {quantity} of joint {joint} within {share:.0} % of its limit of {limit} \
+         {unit}: the best needs {peak:.4} {unit}; {remedy}"
     )]
     Infeasible {
         /// The joint's name.
@@ -119,7 +121,7 @@ pub enum ExciteError {
         quantity: &'static str,
         /// Its unit.
         unit: &'static str,
-        /// What the best movement reaches.
+        /// What the best movement needs.
         peak: f64,
         /// The limit.
         limit: f64,
@@ -173,8 +175,8 @@ pub struct Design {
     pub designed: Expectation,
     /// The paper's movements of the same duration, in s each.
     pub paper_periods_s: Vec<f64>,
-    /// What is expected of those.
-    pub paper: Expectation,
+    /// What is expected of those; nothing where the robot cannot make them.
+    pub paper: Option<Expectation>,
     /// How near the reference comes to the limits.
     pub margins: Margins,
     /// How near current and following error come to theirs.
@@ -197,6 +199,16 @@ impl Settings {
     }
 }
 
+/// How long a movement lasts where nothing is said, in s: two of the paper's, or what the board's memory holds.
+pub fn usual_duration_s(robot: &Robot) -> f64 {
+    (2.0 * 3.65_f64).min(longest_duration_s(robot))
+}
+
+/// What the board's memory holds, in s.
+fn longest_duration_s(robot: &Robot) -> f64 {
+    DEFAULT_SAMPLES as f64 * robot.record_period_s
+}
+
 /// Periods in a movement of `duration_s`: each about as long as the paper's, so that few harmonics reach the
 /// frequencies where inertia shows.
 pub fn default_repeats(duration_s: f64) -> u32 {
@@ -211,19 +223,6 @@ pub fn nominal(robot: &Robot, model: Option<&Model>) -> Values {
     let mut values = Values::of_robot(robot);
     values.f = robot.expected_f();
     values
-}
-
-/// The magnitude by which an error of `parameter` is judged: its own, but 1 (kg m² or kg m) for an f that is small
-/// beside its search range, as f3, f5 and f8 of a PUMA are.
-fn magnitude(robot: &Robot, values: &Values, parameter: Parameter) -> f64 {
-    let value = values.get(parameter).abs();
-    match parameter {
-        Parameter::F(index) => {
-            let [low, high] = robot.search[index];
-            if value < 0.1 * (high - low) { 1.0 } else { value }
-        }
-        _ => value.max(f64::MIN_POSITIVE),
-    }
 }
 
 /// The paper's movements that fill `duration_s`: one, or two in the proportion 3.65 : 5 where there is time.
@@ -386,7 +385,14 @@ pub fn design(
     let paper_periods_s = paper_periods_s(settings.duration_s);
     let paper: Vec<Trajectory> =
         paper_periods_s.iter().filter_map(|&period_s| crate::trajectory_file::paper(period_s)).collect();
-    let paper = problem.expectation(&problem.predict(&paper.iter().collect::<Vec<_>>()));
+    let within = |trajectory: &Trajectory| {
+        trajectory::check(trajectory, &limits, counts_per_rad.map(|c| c as f32), record_period_ns).is_ok()
+    };
+    let paper =
+        paper.iter().all(within).then(|| problem.predict(&paper.iter().collect::<Vec<_>>())).and_then(|paper| {
+            let within = problem.loop_margins(&paper).iter().all(|margin| margin.peak <= margin.limit);
+            within.then(|| problem.expectation(&paper))
+        });
     Ok(Design {
         designed: problem.expectation(&prediction),
         paper,
@@ -417,7 +423,7 @@ fn binding(margins: &Margins, limits: &MotionLimits, loop_margins: &[LoopMargin]
 fn check(settings: &Settings, robot: &Robot) -> Result<(), ExciteError> {
     let refuse = |what, value: String, limit: String| Err(ExciteError::Setting { what, value, limit });
     // A hair more, so that 7.35 s is not refused for the last bit of 0.0007 s.
-    let longest_s = DEFAULT_SAMPLES as f64 * robot.record_period_s * (1.0 + 1e-9);
+    let longest_s = longest_duration_s(robot) * (1.0 + 1e-9);
     if !(1.0..=longest_s).contains(&settings.duration_s) {
         let limit = format!("from 1 to {longest_s:.2} s: the board's memory holds {DEFAULT_SAMPLES} samples");
         return refuse("--duration", format!("{} s", settings.duration_s), limit);

@@ -206,6 +206,12 @@ impl Asked<'_> {
         }
         progress("writing down what was found");
         let mut explanation = findings::explanation(&case, &decision, model, known.len(), priors);
+        if priors && matches!(explanation.verdict, Verdict::Named | Verdict::Partial) {
+            let fitted = crate::identified_model::provenance(robot, recordings, "full", seed).remove("recordings");
+            let provenance = &mut explanation.model.provenance;
+            let of_baseline = fitted.and_then(|fitted| provenance.insert("recordings".into(), fitted));
+            provenance.extend(of_baseline.map(|recordings| ("baseline_recordings".to_string(), recordings)));
+        }
         let joint = |stranger: &Stranger| stranger.instance.joint_name(robot);
         explanation.sentences.extend(stranger.iter().map(|stranger| stranger.sentence(&joint(stranger))));
         explanation.sentences.extend(coarse.iter().map(|coarse| coarse.sentence(robot)));

@@ -6,6 +6,7 @@ use shared::arm::ArmError;
 use shared::control::GainError;
 
 use crate::effects::EffectError;
+use crate::robot::FrictionError;
 
 /// A file that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -103,6 +104,9 @@ pub enum Problem {
         /// What would be accepted.
         limit: String,
     },
+    /// Friction that a drive can never overcome.
+    #[error("{0}")]
+    Friction(FrictionError),
     /// A position gain the sampled loop would not survive.
     #[error("joint {joint}: {source}")]
     Unstable {

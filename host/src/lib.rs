@@ -4,6 +4,7 @@
 //! robot, recording, model, trajectory_file   the files of the contract, read with every problem named
 //! link ── client ── capture, journal         bytes to a board, requests and movements, movements to recordings
 //! board_setup, compensation                  robot and model files in the protocol's terms
+//! number_text                                numbers with their significant digits
 //! joint_names                                the board's messages with the robot file's names of the joints
 //! firmware_image                             what may be flashed to a board
 //! effects                                    what a real arm has beyond the model, by name
@@ -24,6 +25,7 @@
 //! explain_benchmark                          verdicts on recordings with hidden effects against the truth
 //! ```
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stderr, reason = "eprintln! panics where stderr is closed or full")]
 #![expect(clippy::result_large_err, reason = "an error ends the command; none is on a path that is often taken")]
 
 mod atomic;
@@ -55,6 +57,7 @@ pub mod load;
 pub mod margins;
 pub mod model;
 pub mod new_robot;
+pub mod number_text;
 pub mod prior;
 pub mod random;
 pub mod recording;

@@ -9,6 +9,7 @@
 //!
 //! Results go to standard output, progress and advice to standard error.
 #![forbid(unsafe_code)]
+#![deny(clippy::print_stderr, reason = "eprintln! panics where stderr is closed or full")]
 #![expect(clippy::result_large_err, reason = "an error ends the command; none is on a path that is often taken")]
 
 mod command;
@@ -20,7 +21,7 @@ fn main() -> ExitCode {
     match command::run(command::arguments()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", error.message());
+            command::tell(&error);
             ExitCode::from(error.exit_code())
         }
     }

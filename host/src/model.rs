@@ -10,7 +10,7 @@ use toml::Spanned;
 use crate::atomic;
 use crate::effects;
 use crate::file_error::{FileError, Problem};
-use crate::robot::Robot;
+use crate::robot::{FrictionError, Robot};
 use crate::toml_text::TomlText;
 
 /// An identified arm: f1..f9, friction, and effects found beyond them.
@@ -163,10 +163,14 @@ fn from_text(text: &TomlText<'_>, robot: &Robot) -> Result<Model, FileError> {
         .map_err(|error| text.error(None, Problem::Effect(error), "correct the [[effect]] entry"))?;
     let joints = robot.joints.len();
     let friction = raw.friction.as_ref();
-    let values = |name: &str, values: Option<&Spanned<Vec<f64>>>, known: Vec<Option<f64>>| match values {
+    type Check = fn(&Robot, usize, f64) -> Result<(), FrictionError>;
+    let values = |name: &str, values: Option<&Spanned<Vec<f64>>>, known: Vec<Option<f64>>, check: Check| match values {
         Some(values) => {
             check_length(text, name, values, joints)?;
             check_each(text, name, values, |value| value.is_finite() && value >= 0.0, "a finite number, 0 or above")?;
+            values.get_ref().iter().enumerate().try_for_each(|(index, value)| check(robot, index, *value)).map_err(
+                |error| text.error(Some(values.span().start), Problem::Friction(error), FrictionError::REMEDY),
+            )?;
             Ok(values.get_ref().clone())
         }
         None => Ok(known.into_iter().map(|value| value.unwrap_or(0.0)).collect()),
@@ -188,12 +192,18 @@ fn from_text(text: &TomlText<'_>, robot: &Robot) -> Result<Model, FileError> {
             "friction.viscous_nm_s_per_rad",
             friction.map(|friction| &friction.viscous_nm_s_per_rad),
             known_viscous,
+            Robot::check_viscous_friction,
         )?,
         viscous_standard_error: errors(
             "friction.viscous_standard_error",
             friction.and_then(|friction| friction.viscous_standard_error.as_ref()),
         )?,
-        coulomb_nm: values("friction.coulomb_nm", friction.map(|friction| &friction.coulomb_nm), known_coulomb)?,
+        coulomb_nm: values(
+            "friction.coulomb_nm",
+            friction.map(|friction| &friction.coulomb_nm),
+            known_coulomb,
+            Robot::check_coulomb_friction,
+        )?,
         coulomb_standard_error: errors(
             "friction.coulomb_standard_error",
             friction.and_then(|friction| friction.coulomb_standard_error.as_ref()),

@@ -10,9 +10,12 @@ mod text;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::board_setup::{SetupError, configuration};
+use crate::board_setup::{
+    LEAST_VISCOUS_FRICTION_NM_S_PER_RAD, SetupError, check_full_scale, configuration, loop_periods_s,
+};
 use crate::file_error::FileError;
 use crate::links::Link;
+use crate::number_text::significant;
 use crate::robot::{Kind, Law, Robot};
 use crate::toml_text::TomlText;
 
@@ -179,9 +182,9 @@ impl Interview {
     /// The robot and its file, with remarks, when every question is answered.
     pub fn finish(mut self) -> Result<(Robot, String), SetupError> {
         let robot = &mut self.draft.robot;
-        proposal::set_following_error_limit(robot);
-        proposal::set_friction_switch(robot);
         if robot.kind == Kind::TwoLink {
+            proposal::set_following_error_limit(robot);
+            proposal::set_friction_switch(robot);
             configuration(robot)?;
         }
         Ok((robot.clone(), text::with_remarks(robot)))
@@ -192,18 +195,14 @@ impl Interview {
 fn check(step: &Step, draft: &Draft, given: &str) -> Result<(), AnswerError> {
     let robot = &draft.robot;
     let refuse = |limit: String, remedy: String| AnswerError { key: step.key(), value: given.into(), limit, remedy };
+    if robot.kind == Kind::TwoLink {
+        check_for_board(step, robot).map_err(|(limit, remedy)| refuse(limit, remedy))?;
+    }
     if let Err(error) = robot.check()
         && error.field == step.field
         && error.joint == step.joint()
     {
         return Err(refuse(error.limit.into(), error.remedy.into()));
-    }
-    if step.field == "loop_period_s"
-        && robot.kind == Kind::TwoLink
-        && let Err(SetupError::LoopPeriod(_)) = configuration(robot)
-    {
-        let offered = "one of the board's: 0.0007, 0.00035, 0.0001 or 0.00005 s".into();
-        return Err(refuse(offered, "choose the longest that is a whole fraction of record_period_s".into()));
     }
     // A lead counts with its gain: each is checked when the last of the two is known.
     if step.field == "position_gain_a_per_count"
@@ -211,7 +210,52 @@ fn check(step: &Step, draft: &Draft, given: &str) -> Result<(), AnswerError> {
         && let Err(error) = robot.check_gains()
         && error.index == step.index
     {
-        return Err(refuse("a stable gain".into(), error.source.to_string()));
+        let limit_a_per_count = error.source.limit_nm_per_count / robot.joints[step.index].torque_constant_nm_per_a;
+        let limit = format!("stable, below {} A/count", significant(limit_a_per_count, 4));
+        let remedy = format!("{} sets the limit: lower the gain, or change the lead", error.source.cause);
+        return Err(refuse(limit, remedy));
+    }
+    Ok(())
+}
+
+/// Accepts only what the board drives a robot with; else what would be accepted, and what to do.
+fn check_for_board(step: &Step, robot: &Robot) -> Result<(), (String, String)> {
+    let joint = &robot.joints[step.index];
+    match step.field {
+        "record_period_s"
+            if (1e-5..=0.1).contains(&robot.record_period_s) && loop_periods_s(robot.record_period_s).is_empty() =>
+        {
+            let limit = "1 to 320 times one of the board's loop periods: 0.0007, 0.00035, 0.0001 or 0.00005 s";
+            return Err((limit.into(), "choose a multiple of one of them".into()));
+        }
+        "loop_period_s" => {
+            let offered = loop_periods_s(robot.record_period_s);
+            if !offered.iter().any(|period_s| (period_s / robot.loop_period_s - 1.0).abs() < 1e-6) {
+                let offered: Vec<String> = offered.iter().map(f64::to_string).collect();
+                let limit = format!(
+                    "one of the board's that is a whole fraction of record_period_s: {} s",
+                    offered.join(" or ")
+                );
+                return Err((limit, "choose the longest unless the gain needs a shorter one".into()));
+            }
+        }
+        "current_full_scale_a" if joint.current_full_scale_a > 0.0 => {
+            if let Err(SetupError::FullScale { least_a, .. }) = check_full_scale(joint) {
+                let limit = format!(
+                    "at least {least_a} A: the board switches off at 95 % of it, the amplifier gives {} A",
+                    joint.current_limit_a
+                );
+                return Err((limit, "give the range of the sensor, or lower current_limit_a".into()));
+            }
+        }
+        "viscous_friction_nm_s_per_rad" => {
+            let value = joint.viscous_friction_nm_s_per_rad.unwrap_or(0.0);
+            if (0.0..LEAST_VISCOUS_FRICTION_NM_S_PER_RAD).contains(&value) {
+                let limit = format!("at least {LEAST_VISCOUS_FRICTION_NM_S_PER_RAD:e} N m s/rad");
+                return Err((limit, "give an estimate, rather too small than too large".into()));
+            }
+        }
+        _ => {}
     }
     Ok(())
 }

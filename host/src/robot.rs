@@ -2,6 +2,7 @@
 
 mod computed_torque;
 mod file;
+mod friction;
 mod gripper;
 mod identity;
 mod stability;
@@ -16,6 +17,7 @@ use shared::trajectory::MotionLimits;
 
 use crate::file_error::FileError;
 
+pub use friction::FrictionError;
 pub use gripper::Gripper;
 pub use stability::UnsafeGain;
 
@@ -134,6 +136,20 @@ pub struct JointLimits {
 }
 
 impl JointLimits {
+    /// Limits of joint `index` where the file gives none.
+    pub(crate) fn not_given(index: usize, unit: Unit) -> Self {
+        match unit {
+            Unit::Radian => Self::reference_robot(index),
+            // Nothing is known about a linear axis' travel; it is never moved by this tool.
+            Unit::Metre => Self {
+                position_low_rad: f64::MIN,
+                position_high_rad: f64::MAX,
+                speed_rad_s: f64::MAX,
+                acceleration_rad_s2: f64::MAX,
+            },
+        }
+    }
+
     /// Limits of joint `index` where the file gives none: those of the reference robot,
     /// [`MotionLimits::reference_robot`].
     pub fn reference_robot(index: usize) -> Self {
@@ -304,7 +320,7 @@ impl Robot {
             self.loop_period_s,
             ratio.round() >= 1.0 && (ratio - ratio.round()).abs() < 1e-6 * ratio,
             "a whole fraction of record_period_s",
-            "choose record_period_s / 1, 2, 7, 14…",
+            "choose record_period_s / 1, 2, 3…; the board offers 0.0007, 0.00035, 0.0001 and 0.00005 s",
         )?;
         all(
             "command_delay_s",

@@ -81,7 +81,7 @@ fn effects_that_cannot_be_are_refused_with_what_was_meant() {
         ("backlash:joint=3,gap_rad=wide", &["gap_rad is \"wide\"", "no number"]),
         ("backlash:joint=4,gap_rad=0.001", &["no joint \"4\"", "2, 3"]),
         ("backlash:gap_rad=0.001", &["no joint \"\"", "2, 3"]),
-        ("payload:joint=3,mass_kg=1", &["no joint \"3\"", "both"]),
+        ("payload:joint=3,mass_kg=1", &["the whole arm's, not that of joint \"3\"", "joint=both"]),
         ("backlash:joint=3,0.002", &["NAME:joint=JOINT"]),
     ] {
         let found = refusal(text);

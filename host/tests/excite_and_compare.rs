@@ -62,6 +62,30 @@ fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
 
+/// An arm a tenth as large, which may not go where the paper's movement goes.
+#[test]
+fn a_design_for_another_arm_is_not_compared_with_what_it_cannot_do() {
+    let bench = Bench::new();
+    bench.done("new-robot --example direct-drive-double-pendulum --out pendulum.toml");
+    let robot = std::fs::read_to_string(bench.path("pendulum.toml")).unwrap();
+    let narrow =
+        |line: &str| if line.starts_with("position_low_rad") { "position_low_rad = -0.3" } else { line }.to_string();
+    std::fs::write(bench.path("narrow.toml"), robot.lines().map(|line| narrow(line) + "\n").collect::<String>())
+        .unwrap();
+    let command = "excite --robot narrow.toml --duration 3 --generations 1";
+    let output = bench.run(command);
+    let told = String::from_utf8(output.stdout).unwrap() + std::str::from_utf8(&output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    assert!(told.contains("the middle of the robot file's [search]") && !told.contains("paper"), "{told}");
+    // Every line about a joint has its name.
+    assert!(told.contains("joint shoulder lowest position") && !told.contains("joint 2"), "{told}");
+    let design = bench.json(command);
+    assert!(design["worst_ratio"].is_null() && design["paper"].is_null(), "{design}");
+    let weak = robot.replacen("current_limit_a = 12.0", "current_limit_a = 0.5", 1);
+    std::fs::write(bench.path("weak.toml"), weak).unwrap();
+    bench.refused(5, "excite --robot weak.toml --duration 3 --generations 1", &["its limit of 0.5 A: the best needs"]);
+}
+
 /// Designed, played by the board and recorded: the board computes the series itself, from the coefficients, and its
 /// references are the exact ones to the last count.
 #[test]

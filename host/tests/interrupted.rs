@@ -112,14 +112,26 @@ fn read(path: &Path) -> Recording {
 /// Gives what the command printed, and the requests that the board saw after the first interrupt.
 #[cfg(unix)]
 fn interrupted(folder: &Path, awaited: fn(&Request) -> bool, answers: &[&'static str]) -> (Output, Vec<&'static str>) {
+    ended_by("-INT", Stdio::piped(), folder, awaited, answers)
+}
+
+/// [`interrupted`] by another signal, or with another place for what is told.
+#[cfg(unix)]
+fn ended_by(
+    signal: &str,
+    stderr: Stdio,
+    folder: &Path,
+    awaited: fn(&Request) -> bool,
+    answers: &[&'static str],
+) -> (Output, Vec<&'static str>) {
     let (address, seen) = board(60_000, Box::new(|| {}), awaited);
     let command = format!("record --board {address} --pose 0,0 --settle 0.2 --out part.csv");
-    let child: Child = armid(folder, &command).spawn().unwrap();
+    let child: Child = armid(folder, &command).stderr(stderr).spawn().unwrap();
     let process_number = child.id().to_string();
     let mut requests = Vec::new();
     assert!(seen.iter().any(|name| name == ACCIDENT), "it ended before it could be interrupted");
     for answer in answers {
-        assert!(Command::new("kill").args(["-INT", &process_number]).status().unwrap().success());
+        assert!(Command::new("kill").args([signal, &process_number]).status().unwrap().success());
         while requests.last() != Some(answer) {
             requests.push(seen.recv_timeout(LONGEST_WAIT).unwrap_or_else(|_| panic!("no {answer} in {requests:?}")));
         }
@@ -156,6 +168,31 @@ fn a_second_ctrl_c_switches_off_at_once() {
     assert_eq!(output.status.code(), Some(FAILED), "{stderr}");
     assert!(stderr.contains("switching off"), "{stderr}");
     assert!(read(&folder.path().join("part.csv")).manifest.unwrap().partial.is_some());
+}
+
+/// Whoever closed the terminal, or filled the disk of a log, still has a program that obeys.
+#[test]
+#[cfg(target_os = "linux")]
+fn ctrl_c_switches_off_where_nobody_can_be_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let disarm = |request: &Request| matches!(request, Request::Disarm);
+    let (output, _) = ended_by("-INT", full.into(), folder.path(), disarm, &["stop", "disarm"]);
+    assert_eq!(output.status.code(), Some(FAILED));
+    assert!(read(&folder.path().join("part.csv")).manifest.unwrap().partial.is_some());
+}
+
+#[test]
+#[cfg(unix)]
+fn a_recording_says_which_signal_ended_it() {
+    let stop = |request: &Request| matches!(request, Request::Stop);
+    for (signal, name) in [("-TERM", "SIGTERM"), ("-HUP", "SIGHUP")] {
+        let folder = tempfile::tempdir().unwrap();
+        let (output, _) = ended_by(signal, Stdio::piped(), folder.path(), stop, &["stop"]);
+        assert_eq!(output.status.code(), Some(FAILED), "{}", text(&output));
+        let reason = read(&folder.path().join("part.csv")).manifest.unwrap().partial.unwrap();
+        assert!(reason.contains(name) && !reason.contains("Ctrl-C"), "{reason}");
+    }
 }
 
 #[test]

@@ -92,6 +92,7 @@ fn every_answer_is_checked_when_it_is_given() {
         ("record_period_s", "0.7", "0.00001 to 0.1 s"),
         ("loop_period_s", "0.0005", "a whole fraction of record_period_s"),
         ("loop_period_s", "0.0001400", "0.00035"),
+        ("record_period_s", "0.00033", "1 to 320 times one of the board's loop periods"),
         ("command_delay_s", "0.1", "below one loop period"),
         ("upper_arm_m", "-0.3", "0.001 to 100 m"),
         ("joint1.name", "a b", "letters, digits"),
@@ -101,7 +102,9 @@ fn every_answer_is_checked_when_it_is_given() {
         ("joint1.torque_constant_nm_per_a", "nan", "a finite number"),
         ("joint1.current_limit_a", "-12", "above 0"),
         ("joint1.current_full_scale_a", "0", "above 0"),
+        ("joint1.current_full_scale_a", "12", "at least 12.632 A"),
         ("joint1.viscous_friction_nm_s_per_rad", "-1", "0 or above"),
+        ("joint1.viscous_friction_nm_s_per_rad", "0", "at least 1e-9 N m s/rad"),
         ("joint2.coulomb_friction_nm", "60", "greatest torque"),
         ("joint1.position_high_rad", "-2", "above position_low_rad"),
         ("joint2.speed_limit_rad_s", "0", "above 0"),
@@ -109,7 +112,7 @@ fn every_answer_is_checked_when_it_is_given() {
         ("link2.mass_kg", "0", "above 0"),
         ("link1.inertia_kg_m2", "-1", "above 0"),
         ("joint1.lead", "21", "from 0 to 20"),
-        ("joint2.position_gain_a_per_count", "10", "stable"),
+        ("joint2.position_gain_a_per_count", "10", "A/count; "),
     ] {
         let mut interview = Interview::new();
         let question = loop {
@@ -123,6 +126,26 @@ fn every_answer_is_checked_when_it_is_given() {
         let told = interview.answer(wrong).unwrap_err().to_string();
         assert!(told.contains(key) && told.contains(limit) && told.contains("; "), "{key} = {wrong}: {told}");
         assert_eq!(interview.question(), Some(question), "{key} is asked again");
+    }
+}
+
+#[test]
+fn the_loop_periods_named_are_accepted() {
+    let mut interview = Interview::new();
+    let mut at = |key: &str, answers: &[(&str, &str)]| {
+        while let Some(question) = interview.question().filter(|question| question.key != key) {
+            let answer = answers.iter().find(|(known, _)| *known == question.key).map_or("", |(_, answer)| answer);
+            interview.answer(answer).unwrap();
+        }
+        interview.clone()
+    };
+    let interview = at("loop_period_s", &[("name", "arm"), ("record_period_s", "0.001")]);
+    // The record period itself is none of the board's: the longest that divides it is proposed.
+    assert_eq!(interview.question().unwrap().default.as_deref(), Some("0.0001"));
+    let told = interview.clone().answer("0.00035").unwrap_err().to_string();
+    assert!(told.contains("a whole fraction of record_period_s: 0.0001 or 0.00005 s"), "{told}");
+    for named in ["0.0001", "0.00005"] {
+        interview.clone().answer(named).unwrap();
     }
 }
 
@@ -171,7 +194,12 @@ fn one_axis_is_asked_less() {
     assert_eq!((robot.kind, robot.unit, robot.joints.len()), (Kind::SingleAxis, Unit::Metre, 1));
     assert_eq!(robot.search[6], [47.5, 142.5]);
     assert!((robot.joints[0].counts_per_rad() - 1e6).abs() < 1e-3);
+    // Nothing that an axis does not use, and nobody was asked for.
+    for unused in ["position_low_rad", "speed_limit_rad_s", "[computed_torque]", "f1 =", "upper_arm_m"] {
+        assert!(!text.contains(unused), "{unused} in {text}");
+    }
     let read = Robot::from_bytes("slide.toml".as_ref(), text.into_bytes()).unwrap();
+    assert_eq!(read, robot);
     assert_eq!((read.kind, read.unit), (Kind::SingleAxis, Unit::Metre));
 }
 

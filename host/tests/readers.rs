@@ -271,6 +271,12 @@ fn impossible_models_are_refused() {
     refused(model(&MODEL.replace("1.07, ", "")), &["f.value is a list of 8 numbers", "list of 9"]);
     refused(model(&MODEL.replace("[0.12, 0.15]", "[0.12]")), &["model.toml:5", "friction.coulomb_nm", "list of 2"]);
     refused(model(&MODEL.replace("0.12", "-0.12")), &["friction.coulomb_nm[0] is -0.12", "0 or above"]);
+    let held_fast = ["model.toml:5", "Coulomb friction of joint 2 is 3.0 N m", "below 3.000", "identify the arm again"];
+    refused(model(&MODEL.replace("0.12", "3")), &held_fast);
+    for viscous in ["0.0104", "1e39", "1e308"] {
+        let parts = ["model.toml:4", "viscous friction of joint 2 is", "below 0.01031", "speed limit of 2.7 rad/s"];
+        refused(model(&MODEL.replace("8e-4", viscous)), &parts);
+    }
     refused(model(&MODEL.replace("coulomb_nm", "coulombs_nm")), &["did you mean `coulomb_nm`?"]);
 }
 

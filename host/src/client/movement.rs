@@ -173,12 +173,14 @@ impl Client {
             }
             Ok((info, self.read_recording(&info, progress)?))
         });
-        let interrupted = self.interrupt.asked() > 0;
+        let interrupted = self.interrupt.asked_by();
         Ok(match recorded {
             Ok((info, samples)) => {
                 let mut movement = compare(info, samples, &stream);
-                if interrupted && info.ended == Some(EndedBy::Stopped) {
-                    movement.partial = Some("it was interrupted at the computer (Ctrl-C)".into());
+                if let Some(by) = interrupted
+                    && info.ended == Some(EndedBy::Stopped)
+                {
+                    movement.partial = Some(format!("it was interrupted at the computer ({})", by.name()));
                 }
                 movement
             }

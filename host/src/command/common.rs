@@ -17,7 +17,7 @@ use armid::robot::{Gripper, Robot};
 use armid::trajectory_file;
 use clap::Args;
 use shared::protocol::Configuration;
-use shared::trajectory::{Margins, Trajectory};
+use shared::trajectory::{LimitError, Margins, Quantity, Trajectory};
 
 use super::{CommandError, wording};
 
@@ -55,7 +55,7 @@ impl RobotArguments {
 #[derive(Clone, Debug, Args)]
 pub struct BoardArguments {
     /// Board: usb, usb:SERIAL, tcp:HOST:PORT, serial:PATH[@BAUD] or sim; without it, the one found on USB
-    #[arg(long, value_name = "BOARD", env = "ARMID_BOARD")]
+    #[arg(long, value_name = "BOARD", env = super::BOARD_VARIABLE)]
     pub board: Option<Address>,
     /// Seed of the simulated board's hidden robot and noise
     #[arg(long, default_value_t = 1)]
@@ -188,6 +188,7 @@ const PAPER: &str = "paper";
 const DEFAULT_SETTLE_S: f64 = 2.0;
 
 /// A movement that may be started.
+#[derive(Clone)]
 pub struct Prepared {
     pub trajectory: Trajectory,
     /// The movement in words.
@@ -199,10 +200,20 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    fn new(trajectory: Trajectory, name: String, settle_ns: u64, robot: &Robot) -> Result<Self, CommandError> {
+        let margins = check_limits(&trajectory, robot, &board_setup::configuration(robot)?)?;
+        Ok(Self { trajectory, name, settle_ns, margins })
+    }
+
+    /// A movement that was made for `robot`, to be run after standing as long as before this one.
+    pub fn beside(&self, trajectory: Trajectory, name: String, robot: &Robot) -> Result<Self, CommandError> {
+        Self::new(trajectory, name, self.settle_ns, robot)
+    }
+
     /// Shows the margins left to the robot's limits.
     pub fn advise_margins(&self) {
         for row in &self.margins.rows {
-            advise(row.to_string());
+            advise(wording::in_its_words(&row.to_string()));
         }
     }
 }
@@ -231,8 +242,12 @@ impl TrajectoryArguments {
     pub fn prepare(&self, robot: &Robot) -> Result<Prepared, CommandError> {
         let (trajectory, name) = self.read()?;
         let settle_ns = self.settle_ns()?;
-        let margins = check_limits(&trajectory, robot, &board_setup::configuration(robot)?)?;
-        Ok(Prepared { trajectory, name, settle_ns, margins })
+        Prepared::new(trajectory, name, settle_ns, robot).map_err(|error| match error {
+            CommandError::Limit(limit) if self.file().is_none() && is_about_position(&limit) => {
+                CommandError::PaperMovement(limit)
+            }
+            error => error,
+        })
     }
 
     /// The file the movement is read from, if any.
@@ -256,6 +271,11 @@ impl TrajectoryArguments {
         }
         Err(CommandError::Usage(format!("--settle {} is not from 0 to 60 s", self.settle)))
     }
+}
+
+/// Whether a movement goes where the robot may not be, however slowly.
+fn is_about_position(limit: &LimitError) -> bool {
+    matches!(limit, LimitError::Exceeded(margin) if matches!(margin.quantity, Quantity::PositionLow | Quantity::PositionHigh))
 }
 
 /// How near a movement comes to the robot's limits, or the limit it breaks.
@@ -380,7 +400,7 @@ pub fn print_json(value: &serde_json::Value) -> Result<(), CommandError> {
     print(value.to_string())
 }
 
-/// Writes advice to stderr.
+/// Writes advice to stderr. Nothing ends because nobody can be told.
 pub fn advise(text: impl AsRef<str>) {
-    eprintln!("{}", text.as_ref());
+    let _ = writeln!(std::io::stderr(), "{}", text.as_ref());
 }

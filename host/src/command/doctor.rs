@@ -30,7 +30,7 @@ pub struct Doctor {
     #[command(flatten)]
     robot: RobotArguments,
     /// Board to ask for its firmware, named as in `info`; without it, the one found on USB, if there is one
-    #[arg(long, value_name = "BOARD", env = "ARMID_BOARD")]
+    #[arg(long, value_name = "BOARD", env = super::BOARD_VARIABLE)]
     board: Option<Address>,
     /// Folder for scores of null simulations, as in `explain`
     #[arg(long, value_name = "FOLDER", env = "ARMID_CACHE")]

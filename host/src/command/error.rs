@@ -2,7 +2,7 @@
 
 use armid::board_setup::SetupError;
 use armid::calibrate::CalibrateError;
-use armid::client::{ClientError, SessionError};
+use armid::client::{AskedBy, ClientError, SessionError};
 use armid::effects::EffectError;
 use armid::excite::ExciteError;
 use armid::file_error::FileError;
@@ -28,6 +28,12 @@ pub enum CommandError {
     /// The movement breaks a limit.
     #[error("the movement was not started: {0}")]
     Limit(LimitError),
+    /// The paper's movement does not fit the robot.
+    #[error(
+        "the movement was not started: {0}. It is the paper's, for its own robot: `armid excite --robot FILE --out m.toml` \
+         designs one for this robot, which --trajectory m.toml takes"
+    )]
+    PaperMovement(LimitError),
     /// Computed torque that would be too near to instability.
     #[error("{0}; nothing was moved")]
     Margin(#[from] MarginError),
@@ -71,6 +77,9 @@ pub enum CommandError {
     /// Arguments that do not go together.
     #[error("{0}; see --help")]
     Usage(String),
+    /// The end was asked for.
+    #[error("ended by {}: nothing more was moved", .0.name())]
+    Interrupted(AskedBy),
     /// Standard output is closed.
     #[error("the result could not be written: {0}")]
     Output(std::io::Error),
@@ -83,6 +92,7 @@ impl CommandError {
         let by_the_board = matches!(
             self,
             Self::Limit(_)
+                | Self::PaperMovement(_)
                 | Self::Excite(ExciteError::Limits(_))
                 | Self::Session(
                     SessionError::InFault(_)
@@ -114,7 +124,7 @@ impl CommandError {
             Self::Explain(
                 armid::explain::ExplainError::Audit(_) | armid::explain::ExplainError::UnknownEffect { .. },
             ) => BAD_FILE,
-            Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) | Self::Margin(_) => UNSAFE,
+            Self::Setup(SetupError::Unstable(_)) | Self::Limit(_) | Self::PaperMovement(_) | Self::Margin(_) => UNSAFE,
             Self::Excite(ExciteError::Setting { .. }) => USAGE,
             Self::Excite(_) => UNSAFE,
             Self::Setup(_) => BAD_FILE,
@@ -139,6 +149,7 @@ impl CommandError {
                 super::flash::ProbeError::Flash { .. } => FAILED,
                 _ => UNREACHABLE,
             },
+            Self::Interrupted(by) => by.exit_code(),
             Self::Incomplete { board_lost: true, .. } => UNREACHABLE,
             Self::Calibrate(_)
             | Self::Identify(_)

@@ -2,18 +2,19 @@
 
 use std::path::PathBuf;
 
-use armid::excite::{Criterion, Design, Settings, USED_SHARE, default_repeats, design};
+use armid::excite::{Criterion, Design, Expectation, Settings, USED_SHARE, default_repeats, design};
 use armid::identify::Parameter;
 use armid::report::FileRole;
 use armid::robot::Robot;
 use armid::trajectory_file;
 use clap::Args;
 use serde_json::{Value, json};
+use shared::arm::REFERENCE_F;
 
 use super::common::{RobotArguments, advise, print, print_json, read_model};
 use super::outputs::{FileKind, check_outputs};
 use super::page::{self, ReportArguments};
-use super::{CommandError, progress};
+use super::{CommandError, progress, wording};
 
 const EXAMPLES: &str = "Examples:
   armid excite --out movement.toml
@@ -64,10 +65,14 @@ impl Excite {
         check_outputs(self.out.as_deref().map(|out| (out, FileKind::Movement)), inputs())?;
         self.report.check(self.out.as_deref(), inputs())?;
         if model.is_none() {
-            advise(
-                "designed for the reference robot; once a model is identified, design again with --model for movements made \
-                 for this arm",
-            );
+            let arm = if robot.expected_f() == REFERENCE_F {
+                "the reference robot"
+            } else {
+                "the arm in the middle of the robot file's [search]"
+            };
+            advise(format!(
+                "designed for {arm}; once a model is identified, design again with --model for movements made for this arm"
+            ));
         }
         let settings = Settings {
             duration_s: self.duration,
@@ -94,7 +99,7 @@ impl Excite {
                 .robot(&robot)
                 .files(FileRole::Read, inputs())
                 .files(FileRole::Written, self.out.as_deref());
-            Ok(page::excite::page(&robot, &design, &paper_name(&design), &provenance))
+            Ok(page::excite::page(&robot, &design, &provenance))
         })
     }
 }
@@ -123,10 +128,11 @@ fn name(criterion: Criterion) -> &'static str {
     }
 }
 
-/// The paper's movements of the design's duration in words.
-fn paper_name(design: &Design) -> String {
+/// The paper's movements of the design's duration in words, and what is expected of them; nothing where the robot cannot
+/// make them.
+pub fn of_paper(design: &Design) -> Option<(String, &Expectation)> {
     let periods: Vec<String> = design.paper_periods_s.iter().map(|period_s| format!("{period_s:.2} s")).collect();
-    format!("paper, T = {}", periods.join(" and "))
+    design.paper.as_ref().map(|paper| (format!("paper, T = {}", periods.join(" and ")), paper))
 }
 
 /// The result for people.
@@ -134,36 +140,41 @@ fn report(robot: &Robot, design: &Design) -> String {
     let mut lines = vec![
         "predicted standard errors from rounding alone, in the parameter's unit and relative to its magnitude"
             .to_string(),
-        format!("{:<22} {:>28} {:>24} {:>8}", "parameter", paper_name(design), "this movement", "ratio"),
     ];
+    let (of_paper, designed) = (of_paper(design), &design.designed);
+    let paper_heading = of_paper.as_ref().map_or_else(String::new, |(name, _)| format!(" {name:>28} {:>8}", "ratio"));
+    lines.push(format!("{:<22} {:>24}{paper_heading}", "parameter", "this movement"));
     for (index, &parameter) in design.free.iter().enumerate() {
-        let [paper, designed] = [&design.paper, &design.designed].map(|e| e.standard_errors[index]);
         let cell = |error: f64| format!("{error:.2e} ({:.4} %)", 100.0 * error / design.magnitudes[index]);
-        let row = format!(
-            "{:<22} {:>28} {:>24} {:>8.2}",
-            parameter.name(robot),
-            cell(paper),
-            cell(designed),
-            paper / designed
-        );
-        lines.push(row);
+        let error = designed.standard_errors[index];
+        let paper = of_paper.as_ref().map_or_else(String::new, |(_, paper)| {
+            let of_paper = paper.standard_errors[index];
+            format!(" {:>28} {:>8.2}", cell(of_paper), of_paper / error)
+        });
+        lines.push(format!("{:<22} {:>24}{paper}", parameter.name(robot), cell(error)));
     }
-    let (paper, designed) = (&design.paper, &design.designed);
     let worst = |(parameter, error): (Parameter, f64)| format!("{} {:.4} %", parameter.name(robot), 100.0 * error);
-    lines.push(format!(
-        "worst of f: {} with the paper's, {} with this movement: {:.2} times better",
-        worst(paper.worst),
-        worst(designed.worst),
-        paper.worst.1 / designed.worst.1
-    ));
-    lines.push(format!(
-        "all together (D): {:.2} times better per parameter; condition number {:.0} instead of {:.0}",
-        paper.volume_per_parameter / designed.volume_per_parameter,
-        designed.condition,
-        paper.condition
-    ));
+    match of_paper {
+        Some((_, paper)) => {
+            lines.push(format!(
+                "worst of f: {} with the paper's, {} with this movement: {:.2} times better",
+                worst(paper.worst),
+                worst(designed.worst),
+                paper.worst.1 / designed.worst.1
+            ));
+            lines.push(format!(
+                "all together (D): {:.2} times better per parameter; condition number {:.0} instead of {:.0}",
+                paper.volume_per_parameter / designed.volume_per_parameter,
+                designed.condition,
+                paper.condition
+            ));
+        }
+        None => {
+            lines.push(format!("worst of f: {}; condition number {:.0}", worst(designed.worst), designed.condition))
+        }
+    }
     lines.push("margins:".to_string());
-    lines.extend(design.margins.rows.iter().map(|row| format!("  {row}")));
+    lines.extend(design.margins.rows.iter().map(|row| format!("  {}", wording::in_its_words(&row.to_string()))));
     for margin in &design.loop_margins {
         lines.push(format!(
             "  joint {} {}: {:.4} {} by the model, limit {:.4}, of which {:.0} % may be used, left {:.4}",
@@ -190,7 +201,7 @@ fn to_json(robot: &Robot, design: &Design, settings: &Settings) -> Value {
                 "name": parameter.name(robot),
                 "magnitude": design.magnitudes[index],
                 "standard_error": design.designed.standard_errors[index],
-                "paper_standard_error": design.paper.standard_errors[index],
+                "paper_standard_error": design.paper.as_ref().map(|paper| paper.standard_errors[index]),
             })
         })
         .collect();
@@ -205,7 +216,7 @@ fn to_json(robot: &Robot, design: &Design, settings: &Settings) -> Value {
             })
         })
         .collect();
-    let expectation = |e: &armid::excite::Expectation| {
+    let expectation = |e: &Expectation| {
         json!({
             "worst": {"name": e.worst.0.name(robot), "relative_standard_error": e.worst.1},
             "condition": e.condition, "volume_per_parameter": e.volume_per_parameter,
@@ -220,9 +231,10 @@ fn to_json(robot: &Robot, design: &Design, settings: &Settings) -> Value {
         "seed": settings.seed,
         "parameters": parameters,
         "designed": expectation(&design.designed),
-        "paper": expectation(&design.paper),
+        // null where the robot cannot make the paper's movements.
+        "paper": design.paper.as_ref().map(expectation),
         "paper_periods_s": design.paper_periods_s,
-        "worst_ratio": design.paper.worst.1 / design.designed.worst.1,
+        "worst_ratio": design.paper.as_ref().map(|paper| paper.worst.1 / design.designed.worst.1),
         "margins": margins,
         "loop_margins": design.loop_margins,
         "evaluations": design.evaluations,

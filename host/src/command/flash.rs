@@ -51,7 +51,7 @@ pub struct Flash {
     #[arg(long)]
     erase_parameters: bool,
     /// Link over which to ask the new firmware for its version; without it, the board's USB or the probe's serial port
-    #[arg(long, value_name = "BOARD", env = "ARMID_BOARD")]
+    #[arg(long, value_name = "BOARD", env = super::BOARD_VARIABLE)]
     board: Option<Address>,
     /// Print one JSON object
     #[arg(long)]

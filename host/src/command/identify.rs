@@ -8,6 +8,7 @@ use armid::identify::{
 };
 use armid::links::ArmBounds;
 use armid::model::Model;
+use armid::number_text::significant;
 use armid::prior;
 use armid::recording::Recording;
 use armid::report::FileRole;
@@ -397,7 +398,11 @@ fn report(robot: &Robot, found: &Identification) -> String {
         };
         let verdict = if found.not_identifiable.contains(&parameter) { "not identifiable" } else { "" };
         let name = parameter.name(robot);
-        lines.push(format!("{name:<22} {value:>14.6} {error:>14}  {relative:>8} {verdict}").trim_end().to_string());
+        lines.push(
+            format!("{name:<22} {:>14} {error:>14}  {relative:>8} {verdict}", significant(value, 6))
+                .trim_end()
+                .to_string(),
+        );
     }
     let list = |values: &[f64]| values.iter().map(|value| format!("{value:.3}")).collect::<Vec<_>>().join(" / ");
     let rounding = if robot.quantised { " (rounding alone: 0.29)" } else { "" };

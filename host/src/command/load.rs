@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use shared::load::{LONGEST_COLLECTION_ROWS, LoadEstimate, LoadNews, LoadSettings, Rejected, Waiting};
 
 use super::common::{
-    BoardArguments, RobotArguments, TrajectoryArguments, advise, for_board, print, print_json, read_model,
+    BoardArguments, Prepared, RobotArguments, TrajectoryArguments, advise, for_board, print, print_json, read_model,
     with_sidecars,
 };
 use super::outputs::{Existing, check_recording_outputs, check_unfinished};
@@ -172,18 +172,19 @@ impl LoadCommand {
             Some(path) => read_model(path, &robot)?,
             None if self.board.is_simulated() => {
                 let mut empty = self.board.empty_handed().connect_ready(&robot)?;
-                own_model::identified(&mut empty, &robot, self.board.seed)?
+                own_model::identified(&mut empty, &robot, &movement, self.board.seed)?
             }
-            None => self.model_of_board(&robot)?,
+            None => self.model_of_board(&robot, &movement)?,
         };
         let settings = self.load.settings(&robot, &model, self.place)?;
+        let board_model = for_board(&robot, &model)?;
         movement.advise_margins();
         let mut client = if self.load.differential {
             self.board.connect_ready_to_take_up(&robot, self.load.collect + TAKEN_UP_AFTER_S)?
         } else {
             self.board.connect_ready(&robot)?
         };
-        client.upload(&for_board(&robot, &model)?)?;
+        client.upload(&board_model)?;
         client.identify_load(&settings)?;
         let seed = self.board.simulated_seed();
         let path = self.out.clone().unwrap_or_default();
@@ -257,7 +258,7 @@ impl LoadCommand {
 
     /// A real board's model cannot be told to be without a load, and has no standard errors; so its movements are recorded
     /// where it has none, and then the load has to be taken up.
-    fn model_of_board(&self, robot: &Robot) -> Result<Model, CommandError> {
+    fn model_of_board(&self, robot: &Robot, movement: &Prepared) -> Result<Model, CommandError> {
         let mut client: Client = self.board.connect_ready(robot)?;
         if let Some(active) = client.active_model()? {
             advise(
@@ -265,7 +266,7 @@ impl LoadCommand {
             );
             return Ok(own_model::of_board(&active));
         }
-        let model = own_model::identified(&mut client, robot, self.board.seed)?;
+        let model = own_model::identified(&mut client, robot, movement, self.board.seed)?;
         client.upload(&for_board(robot, &model)?)?;
         Err(CommandError::Failed(
             "the board had no model; it has one of the arm as it is now, which should be empty: take up the load and run \
@@ -336,10 +337,10 @@ impl Outcome {
         for (name, told, (value, error), unit) in std::iter::once(("mass", true, mass, "kg")).chain(all) {
             table = table.row([
                 Cell::from(name),
-                Cell::fixed(f64::from(value), 4),
-                Cell::fixed(f64::from(error), 4),
+                Cell::significant(f64::from(value)),
+                Cell::scientific(f64::from(error)),
                 Cell::from(unit),
-                Cell::from(if told { "yes" } else { "no: as it was given" }),
+                Cell::from(if told { "yes" } else { "no more than what was given" }),
             ]);
         }
         Section::new("Load").table(table).text(format!(
@@ -370,9 +371,9 @@ impl Outcome {
         ]) {
             let (name, from_data) = name;
             lines.push(if from_data {
-                format!("{name}: {value:.4} ± {error:.4} {unit}")
+                format!("{name}: {} {unit}", with_error(value, error))
             } else {
-                format!("{name}: {value:.4} {unit}, as it was given; these rows do not tell")
+                format!("{name}: {} {unit}; these rows tell no more than what was given", with_error(value, error))
             });
         }
         let largest: Vec<String> =
@@ -384,9 +385,15 @@ impl Outcome {
 
 /// The load in use, in one line.
 pub fn active(found: &LoadEstimate) -> String {
+    format!("now active: {} kg", with_error(found.mass_kg, found.standard_error_kg))
+}
+
+/// A value and its standard error to the same digit: hundredths, or as fine as two digits of the error need.
+fn with_error(value: f32, error: f32) -> String {
+    let first = if error > 0.0 { -f64::from(error).log10().floor() } else { 2.0 };
     // Two digits say nothing of an error of grams.
-    let digits = if found.standard_error_kg < 0.01 { 3 } else { 2 };
-    format!("now active: {:.digits$} ± {:.digits$} kg", found.mass_kg, found.standard_error_kg)
+    let digits = if error >= 0.01 { 2 } else { (first + 1.0).clamp(3.0, 9.0) as usize };
+    format!("{value:.digits$} ± {error:.digits$}")
 }
 
 /// What is told of a load in the gripper of `robot`, in words.
@@ -404,9 +411,8 @@ pub fn sentence(robot: &Robot, news: &LoadNews) -> String {
         ),
         LoadNews::Found(found) => active(found),
         LoadNews::Rejected(why, found) => format!(
-            "not used: {:.2} ± {:.2} kg, because {}; collecting again",
-            found.mass_kg,
-            found.standard_error_kg,
+            "not used: {} kg, because {}; collecting again",
+            with_error(found.mass_kg, found.standard_error_kg),
             match why {
                 Rejected::TooHeavy => "the rows want more than the largest load (--maximum-kg)",
                 Rejected::Negative => "the rows want less than no load: the model of the empty arm is wrong",
@@ -435,5 +441,17 @@ fn why_not(robot: &Robot, told: &[Told]) -> String {
             format!("no load is active at the end of the movement; last: {}{remedy}", sentence(robot, &last.news))
         }
         None => "no load is active at the end of the movement, and the identification said nothing".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_error;
+
+    #[test]
+    fn a_load_of_a_small_robot_has_its_digits() {
+        assert_eq!(with_error(1.7234, 0.031), "1.72 ± 0.03");
+        assert_eq!(with_error(0.3, 0.000_042), "0.300000 ± 0.000042");
+        assert_eq!(with_error(0.3, 0.0), "0.300 ± 0.000");
     }
 }

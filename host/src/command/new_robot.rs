@@ -155,7 +155,9 @@ impl NewRobot {
     }
 
     fn put(&self, robot: &Robot, text: &str) -> Result<(), CommandError> {
-        let Some(out) = &self.out else { return print(text) };
+        let Some(out) = &self.out else {
+            return if self.json { print_json(&json!({"robot": robot.name, "toml": text})) } else { print(text) };
+        };
         armid::write_file(out, text.as_bytes())?;
         if self.json {
             return print_json(&json!({"robot": robot.name, "out": out}));
@@ -169,9 +171,9 @@ fn ask(interview: &mut Interview, question: &Question) -> Result<(), CommandErro
     let unit = if question.unit.is_empty() { String::new() } else { format!(", {}", question.unit) };
     let default = question.default.as_ref().map(|default| format!(" [{default}]")).unwrap_or_default();
     loop {
-        eprint!("{}{unit}{default}: ", question.text);
         // What is asked must be seen before the answer is waited for; a stderr that is closed shows nothing anyway.
-        let _ = std::io::stderr().flush();
+        let mut stderr = std::io::stderr();
+        let _ = write!(stderr, "{}{unit}{default}: ", question.text).and_then(|()| stderr.flush());
         let mut line = String::new();
         let read = std::io::stdin().lock().read_line(&mut line);
         if !read.is_ok_and(|bytes| bytes > 0) {

@@ -87,10 +87,11 @@ impl Record {
         check_recording_outputs(&self.out, self.existing(), inputs.into_iter().flatten())?;
         check_unfinished(&self.out)?;
         self.check_report()?;
+        let model = model.map(|model| for_board(&robot, &model)).transpose()?;
         movement.advise_margins();
         let mut client = self.board.connect_ready(&robot)?;
         if let Some(model) = &model {
-            client.upload(&for_board(&robot, model)?)?;
+            client.upload(model)?;
         } else if matches!(self.mode, Controller::Ctc)
             && let Some(active) = client.active_model()?
         {

@@ -11,6 +11,7 @@ use shared::load::LoadNews;
 use shared::protocol::{ControlLaw, Info, LimitsActive, Request, Sample};
 
 use super::common::{Prepared, advise};
+use super::interrupt::Writing;
 use super::{CommandError, interrupt, progress, wording};
 
 /// A movement to run.
@@ -53,6 +54,7 @@ impl<'a> Run<'a> {
         watcher: &mut dyn MovementWatcher,
         mut journal: Option<Journal<'a>>,
     ) -> Result<Ran<'a>, CommandError> {
+        interrupt::check()?;
         client.load_trajectory(&self.movement.trajectory)?;
         let law = match self.mode {
             Mode::P => ControlLaw::Position,
@@ -63,7 +65,7 @@ impl<'a> Run<'a> {
         client.end_movements_on(interrupt::watch(&CTRL_C));
         let mut both = Journaled { journal: journal.as_mut(), watcher };
         let movement = client.run_watched(&plan, &mut show, &mut both);
-        interrupt::leave();
+        let writing = interrupt::writing();
         let movement = movement?;
         report(&movement);
         if let Some(error) = journal.as_ref().and_then(Journal::failure) {
@@ -73,7 +75,7 @@ impl<'a> Run<'a> {
         let recording = capture::recording(&movement, &self.circumstances(&board), self.path.clone());
         // What is still in the memory of a simulated board ends with this process.
         let reread_from = Some(client.address()).filter(|address| address != SIMULATED);
-        Ok(Ran { recording, board_lost: movement.recording.is_none(), reread_from, journal })
+        Ok(Ran { recording, board_lost: movement.recording.is_none(), reread_from, journal, _writing: writing })
     }
 
     fn circumstances(&self, board: &Info) -> Circumstances<'a> {
@@ -125,6 +127,8 @@ pub struct Ran<'a> {
     reread_from: Option<String>,
     /// Its rows as they came, on disk until it is written itself.
     journal: Option<Journal<'a>>,
+    /// Ctrl-C waits for it.
+    _writing: Writing,
 }
 
 impl Ran<'_> {

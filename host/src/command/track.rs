@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use super::CommandError;
 use super::common::{
-    BoardArguments, RobotArguments, TrajectoryArguments, advise, for_board, print, print_json, read_model,
+    BoardArguments, Prepared, RobotArguments, TrajectoryArguments, advise, for_board, print, print_json, read_model,
     with_sidecars,
 };
 use super::outputs::{Existing, check_recording_outputs, check_unfinished};
@@ -24,7 +24,8 @@ use super::page::{self, ReportArguments};
 use super::run::Run;
 
 const NOTES: &str = "Without --model the board's active model is used; where it has none, two movements are recorded \
-    under the position loop (T = 3.65 and 5 s), the arm is identified from them, and the model found is uploaded and used.
+    under the position loop (T = 3.65 and 5 s, or where the robot's limits do not hold those the given one and one designed \
+    within the limits), the arm is identified from them, and the model found is uploaded and used.
 
 Refused (exit code 5) where computed torque would be too near to instability: see info --margins.
 
@@ -103,14 +104,14 @@ impl Track {
         };
         match &plain {
             Some(plain) => upload(&mut client, &robot, plain)?,
-            None => self.ready_model(&mut client, &robot, model.as_ref())?,
+            None => self.ready_model(&mut client, &robot, model.as_ref(), &movement)?,
         }
         let p = run(&mut client, Mode::P, "p")?;
         let mut compared = vec![Compared { label: POSITION_LOOP, field: "p", recording: p }];
         if plain.is_some() {
             let recording = run(&mut client, Mode::Ctc, "ctc-without-effects")?;
             compared.push(Compared { label: WITHOUT_EFFECTS, field: "ctc_without_effects", recording });
-            self.ready_model(&mut client, &robot, model.as_ref())?;
+            self.ready_model(&mut client, &robot, model.as_ref(), &movement)?;
         }
         let recording = run(&mut client, Mode::Ctc, "ctc")?;
         let label = if plain.is_some() { WITH_EFFECTS } else { COMPUTED_TORQUE };
@@ -127,13 +128,19 @@ impl Track {
     }
 
     /// Makes `model` the active one; without one, makes sure that the board has one.
-    fn ready_model(&self, client: &mut Client, robot: &Robot, model: Option<&Model>) -> Result<(), CommandError> {
+    fn ready_model(
+        &self,
+        client: &mut Client,
+        robot: &Robot,
+        model: Option<&Model>,
+        movement: &Prepared,
+    ) -> Result<(), CommandError> {
         if let Some(model) = model {
             return upload(client, robot, model);
         }
         let Some(active) = client.active_model()? else {
             let seed = self.board.simulated_seed().unwrap_or(self.board.seed);
-            let model = own_model::identified(client, robot, seed)?;
+            let model = own_model::identified(client, robot, movement, seed)?;
             return upload(client, robot, &model);
         };
         ArmLoop::of_board(robot, &active).check(robot)?;

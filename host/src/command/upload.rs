@@ -51,8 +51,9 @@ impl Upload {
             return Err(CommandError::Usage("give a model file".into()));
         };
         let model = read_model(path, &robot)?;
+        let board_model = for_board(&robot, &model)?;
         let mut client = self.board.connect_ready(&robot)?;
-        let receipt = client.upload(&for_board(&robot, &model)?)?;
+        let receipt = client.upload(&board_model)?;
         check_stored(client.wait_until_stored()?)?;
         let active = &receipt.active;
         let hexadecimal = |crc: u32| format!("{crc:08x}");

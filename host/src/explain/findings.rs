@@ -85,6 +85,23 @@ pub struct Candidate {
     pub held_out_gap: f64,
 }
 
+/// What is left in the motion of one joint, where noise alone should be.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Left {
+    /// Its joint.
+    pub joint: String,
+    /// The irregular torque that would leave it, as a share of the Coulomb friction.
+    pub share_of_coulomb: f64,
+    /// Whether that is more than any robot is expected to have.
+    pub is_more_than_noise: bool,
+    /// A tone that noise does not have, in Hz.
+    pub tone_hz: Option<f64>,
+    /// Slow power of the loudest recording over that of the quietest.
+    pub uneven: f64,
+    /// Whether that is more than chance brings.
+    pub is_uneven: bool,
+}
+
 /// Everything that is reported.
 #[derive(Clone, Debug)]
 pub struct Explanation {
@@ -110,6 +127,8 @@ pub struct Explanation {
     pub threshold: [f64; 2],
     /// Estimated torque noise in N m at the motors.
     pub torque_noise_nm: [f64; 2],
+    /// What is left in each joint beside the effects, judged as noise.
+    pub left: Vec<Left>,
     /// The shape of what is left, the quantity it follows best first.
     pub shape: Vec<Curve>,
     /// Effects that the screen ruled out in every round.
@@ -153,6 +172,7 @@ impl Explanation {
             "largest_null_score": self.threshold[0],
             "threshold": self.threshold[1],
             "torque_noise_nm": self.torque_noise_nm,
+            "left": self.left,
             "shape": self.shape,
             "force_gap_rms": self.force_gap_rms,
             "seed": self.seed,
@@ -249,6 +269,16 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
         recordings_exchanged: false,
         threshold: [decision.null_score, decision.threshold],
         torque_noise_nm: train.torque_noise_nm(&decision.noise),
+        left: (robot.joints.iter().zip(&decision.left))
+            .map(|(joint, left)| Left {
+                joint: joint.name.clone(),
+                share_of_coulomb: left.share_of_coulomb,
+                is_more_than_noise: left.is_too_large(),
+                tone_hz: left.tone_hz(),
+                uneven: left.uneven,
+                is_uneven: left.is_uneven(),
+            })
+            .collect(),
         shape,
         ruled_out,
         pictures,

@@ -60,6 +60,11 @@ impl Remainder {
         self.line > 2.0 * (self.lines as f64 / FALSE_TONE).ln()
     }
 
+    /// Frequency in Hz of a tone that noise does not have, if there is one.
+    pub fn tone_hz(&self) -> Option<f64> {
+        if self.has_a_line() { Some(self.line_hz) } else { self.gathers().then_some(self.gathered_hz) }
+    }
+
     /// Whether it is no torque noise.
     pub fn is_no_noise(&self) -> bool {
         self.is_too_large() || self.gathers() || self.is_uneven()

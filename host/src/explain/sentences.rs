@@ -145,8 +145,7 @@ pub fn sentences(
                 100.0 * MOST_TORQUE_NOISE
             ));
         }
-        if left.has_a_line() || left.gathers() {
-            let tone_hz = if left.has_a_line() { left.line_hz } else { left.gathered_hz };
+        if let Some(tone_hz) = left.tone_hz() {
             sentences.push(format!(
                 "joint {}: a tone of {tone_hz:.2} Hz is left that noise does not have: something swings or turns",
                 named.name

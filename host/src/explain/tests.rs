@@ -17,6 +17,8 @@ const NOISE: NullNoise = NullNoise { torque_nm: [0.0; 2], correlation_time_s: [0
 /// A baseline as `identify` leaves it: near the truth by its standard errors.
 fn model(robot: &Robot) -> Model {
     let mut model = crate::hidden_robot::HiddenRobot::draw(robot, 5).to_model(toml::Table::new());
+    let baseline = toml::Value::Array(vec!["baseline.csv".into()]);
+    model.provenance.insert("recordings".into(), baseline);
     model.f_standard_error = Some([0.003, 0.003, 0.003, 0.003, 0.003, 0.003, 0.012, 0.004, 0.006]);
     model.viscous_standard_error = Some(model.viscous_nm_s_per_rad.iter().map(|v| 0.005 * v).collect());
     model.coulomb_standard_error = Some(model.coulomb_nm.iter().map(|c| 0.003 * c).collect());
@@ -72,6 +74,9 @@ fn a_hidden_effect_is_named_and_closes_the_gap() {
     let json = explanation.to_json();
     assert_eq!(json["recordings_exchanged"], false);
     assert_eq!(json["effects"][0]["class"][0], "asymmetric-viscous-friction");
+    // The model says which recordings it was fitted to now, and keeps those of the baseline apart.
+    let listed = |key: &str| explanation.model.provenance[key].as_array().map_or(0, Vec::len);
+    assert_eq!((listed("recordings"), listed("baseline_recordings")), (2, 1), "{:?}", explanation.model.provenance);
     let [findings, named] = &explanation.sections()[..2] else { panic!("no sections") };
     assert_eq!([findings.title.as_str(), named.title.as_str()], ["Findings", "Effects named"]);
     assert!(!explanation.pictures.is_empty());

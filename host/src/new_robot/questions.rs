@@ -3,8 +3,9 @@
 use shared::control::PositionLoop;
 
 use super::{Draft, proposal};
+use crate::board_setup::loop_periods_s;
 use crate::links::Link;
-use crate::robot::{Kind, Law, Robot, Unit};
+use crate::robot::{JointLimits, Kind, Law, Robot, Unit};
 
 /// Where an answer goes.
 #[derive(Clone, Copy)]
@@ -92,7 +93,12 @@ pub(super) fn steps(robot: &Robot) -> Vec<Step> {
             "loop_period_s",
             "Time between two ticks of the position loop",
             "s",
-            |draft, _| shown(draft.robot.record_period_s),
+            |draft, _| {
+                let robot = &draft.robot;
+                let boards =
+                    if robot.kind == Kind::TwoLink { loop_periods_s(robot.record_period_s) } else { Vec::new() };
+                shown(boards.first().copied().unwrap_or(robot.record_period_s))
+            },
             Put::Number(|draft, _, value| draft.robot.loop_period_s = value),
         ),
         step(
@@ -360,7 +366,8 @@ fn put_unit(draft: &mut Draft, _: usize, answer: &str) -> Result<(), &'static st
         "rad" => draft.robot.unit = Unit::Radian,
         "m" => {
             draft.robot.unit = Unit::Metre;
-            for joint in &mut draft.robot.joints {
+            for (index, joint) in draft.robot.joints.iter_mut().enumerate() {
+                joint.limits = JointLimits::not_given(index, Unit::Metre);
                 joint.viscous_friction_nm_s_per_rad = None;
                 joint.coulomb_friction_nm = None;
             }

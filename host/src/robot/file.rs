@@ -194,16 +194,7 @@ impl Reader<'_> {
             }
             None => self.joint_value(at, "counts_per_rev", &raw.counts_per_rev, Some(("counts_per_unit", &None)))?,
         };
-        let defaults = match unit {
-            Unit::Radian => JointLimits::reference_robot(index),
-            // Nothing is known about a linear axis' travel; it is never moved by this tool.
-            Unit::Metre => JointLimits {
-                position_low_rad: f64::MIN,
-                position_high_rad: f64::MAX,
-                speed_rad_s: f64::MAX,
-                acceleration_rad_s2: f64::MAX,
-            },
-        };
+        let defaults = JointLimits::not_given(index, unit);
         Ok(Joint {
             name: raw.name.get_ref().clone(),
             gear_ratio,

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use shared::control::PositionLoop;
+use shared::control::{ComputedTorqueSettings, PositionLoop};
 
-use super::{Gripper, Kind, Law, Robot, Unit};
+use super::{Gripper, JointLimits, Kind, Law, Robot, Unit, default_search};
 use crate::atomic;
 use crate::file_error::FileError;
 
@@ -13,7 +13,8 @@ pub(super) fn write(robot: &Robot, path: &Path) -> Result<(), FileError> {
     atomic::write(path, to_toml(robot).as_bytes())
 }
 
-/// The file's text: every key, so that nothing depends on a later version's defaults.
+/// The file's text: every key, so that nothing depends on a later version's defaults; of a single axis none that it has no
+/// use for, as long as nobody gave it.
 pub(super) fn to_toml(robot: &Robot) -> String {
     let mut text = String::new();
     let quoted = |text: &str| toml::Value::String(text.into()).to_string();
@@ -44,7 +45,8 @@ pub(super) fn to_toml(robot: &Robot) -> String {
     }
     line("quantised", robot.quantised.to_string());
     line("current_is_command", robot.current_is_command.to_string());
-    for joint in &robot.joints {
+    let uses_all = robot.kind == Kind::TwoLink;
+    for (index, joint) in robot.joints.iter().enumerate() {
         line("\n[[joint]]\nname", quoted(&joint.name));
         line("gear_ratio", number(joint.gear_ratio));
         line("counts_per_rev", number(joint.counts_per_rev));
@@ -68,23 +70,31 @@ pub(super) fn to_toml(robot: &Robot) -> String {
             line("coulomb_friction_nm", number(value));
         }
         line("current_full_scale_a", number(joint.current_full_scale_a));
-        line("position_low_rad", number(joint.limits.position_low_rad));
-        line("position_high_rad", number(joint.limits.position_high_rad));
-        line("speed_limit_rad_s", number(joint.limits.speed_rad_s));
-        line("acceleration_limit_rad_s2", number(joint.limits.acceleration_rad_s2));
+        if uses_all || joint.limits != JointLimits::not_given(index, robot.unit) {
+            line("position_low_rad", number(joint.limits.position_low_rad));
+            line("position_high_rad", number(joint.limits.position_high_rad));
+            line("speed_limit_rad_s", number(joint.limits.speed_rad_s));
+            line("acceleration_limit_rad_s2", number(joint.limits.acceleration_rad_s2));
+        }
     }
     if let Some(Gripper { maximum_load_kg, grasp_m: [x, y] }) = robot.gripper {
         line("\n[gripper]\nmaximum_load_kg", number(maximum_load_kg));
         line("grasp_m", format!("[{x:?}, {y:?}]"));
     }
     let torque = &robot.computed_torque;
-    line("\n[computed_torque]\nbandwidth_rad_s", number(torque.bandwidth_rad_s));
-    line("damping_ratio", number(torque.damping_ratio));
-    line("observer_bandwidth_rad_s", number(torque.observer_bandwidth_rad_s));
-    line("friction_switch_motor_rad_s", number(torque.friction_switch_motor_rad_s));
-    for (index, [low, high]) in robot.search.iter().enumerate() {
-        let heading = if index == 0 { "\n[search]\n" } else { "" };
-        line(&format!("{heading}f{}", index + 1), format!("[{low:?}, {high:?}]"));
+    if uses_all || *torque != ComputedTorqueSettings::at_record_period() {
+        line("\n[computed_torque]\nbandwidth_rad_s", number(torque.bandwidth_rad_s));
+        line("damping_ratio", number(torque.damping_ratio));
+        line("observer_bandwidth_rad_s", number(torque.observer_bandwidth_rad_s));
+        line("friction_switch_motor_rad_s", number(torque.friction_switch_motor_rad_s));
+    }
+    let mut heading = "\n[search]\n";
+    for (index, (range, usual)) in robot.search.iter().zip(default_search()).enumerate() {
+        if uses_all || *range != usual {
+            let [low, high] = range;
+            line(&format!("{heading}f{}", index + 1), format!("[{low:?}, {high:?}]"));
+            heading = "";
+        }
     }
     text
 }

@@ -1,7 +1,7 @@
 //! A folder to run the command in, and what may come of a run.
 
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -27,14 +27,20 @@ impl Bench {
     }
 
     pub fn run(&self, arguments: &str) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_armid"))
+        self.command(arguments).output().unwrap()
+    }
+
+    /// The command, not run yet.
+    pub fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_armid"));
+        command
             .args(arguments.split_whitespace())
             .current_dir(self.0.path())
             .env_remove("ARMID_BOARD")
             // Nothing is kept among the caches of whoever runs the tests.
             .env("ARMID_CACHE", "")
-            .output()
-            .unwrap()
+            .stdin(Stdio::null());
+        command
     }
 
     /// Runs and expects success; gives stdout.

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::bench::{Bench, USAGE, numbers, use_as_program};
+use crate::bench::{Bench, FAILED, USAGE, numbers, use_as_program};
 use crate::page::Page;
 
 /// Runs a benchmark once for its JSON object and its page.
@@ -49,6 +49,8 @@ fn searches_show_how_surely_they_find_the_minimum() {
 #[test]
 fn rates_stand_beside_the_program_that_they_are_compared_with() {
     let bench = Bench::new();
+    let parts = ["the baseline", "/nonexistent", "cannot be run", "check its path"];
+    bench.refused(FAILED, "bench identify --rounds 1 --baseline /nonexistent", &parts);
     std::fs::write(bench.path("baseline"), "echo evals_per_s 1000").unwrap();
     let command = "bench identify --rounds 1 --baseline ./baseline";
     if cfg!(unix) {

@@ -26,6 +26,27 @@ fn an_unreachable_board_is_code_4() {
 }
 
 #[test]
+fn an_empty_board_variable_is_as_good_as_none() {
+    let bench = Bench::new();
+    for arguments in ["info", "doctor"] {
+        let run = |board| bench.command(arguments).env("ARMID_BOARD", board).output().unwrap().status.code();
+        assert_eq!(run(""), bench.run(arguments).status.code(), "{arguments}");
+        assert_eq!(run("nonsense"), Some(USAGE), "{arguments}");
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn nothing_fails_because_stderr_is_full() {
+    let bench = Bench::new();
+    let full = || std::fs::File::options().write(true).open("/dev/full").unwrap();
+    let run = |arguments| bench.command(arguments).stderr(full()).output().unwrap().status.code();
+    assert_eq!(run("record --board sim --settle 0 --out a.csv"), Some(0));
+    assert_eq!(run("record --board sim --settle 0 --out a.csv"), Some(USAGE), "it exists");
+    assert_eq!(run("new-robot --ask"), Some(USAGE), "nobody answers");
+}
+
+#[test]
 fn gains_above_the_stability_limit_never_move_anything() {
     let bench = Bench::new().with_recording();
     bench.done("simulate --settle 0 --out x.csv --truth model.toml");
@@ -40,6 +61,32 @@ fn gains_above_the_stability_limit_never_move_anything() {
     // The same gain in a loop of 50 µs is what the paper's hardware card ran.
     bench.spoil("stiff.toml", "card.toml", |text| text.replace("loop_period_s = 0.0007", "loop_period_s = 0.00005"));
     bench.done("simulate --robot card.toml --settle 0.2 --out with-card.csv");
+}
+
+/// Neither is anything sent nor anything computed for ever.
+#[test]
+fn a_model_with_friction_that_no_drive_overcomes_reaches_no_board() {
+    let bench = Bench::new();
+    bench.done("simulate --settle 0 --out x.csv --truth model.toml");
+    let spoil = |key: &str, value: &str| {
+        bench.spoil("model.toml", "absurd.toml", |text| {
+            let changed =
+                |line: &str| if line.starts_with(key) { format!("{key} = [{value}, 0.001]") } else { line.into() };
+            text.lines().map(|line| changed(line) + "\n").collect()
+        });
+    };
+    for (key, value, kind) in [
+        ("coulomb_nm", "13.0", "Coulomb"),
+        ("coulomb_nm", "1e308", "Coulomb"),
+        ("viscous_nm_s_per_rad", "1000.0", "viscous"),
+        ("viscous_nm_s_per_rad", "1e308", "viscous"),
+    ] {
+        spoil(key, value);
+        for command in ["upload absurd.toml", "track --model absurd.toml", "record --model absurd.toml --out y.csv"] {
+            bench.refused(BAD_FILE, &format!("{command} --board usb"), &["absurd.toml:", kind, "joint 2", "below"]);
+        }
+        bench.refused(BAD_FILE, "info --margins --model absurd.toml", &["absurd.toml:", kind]);
+    }
 }
 
 #[test]

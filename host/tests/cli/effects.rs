@@ -34,6 +34,23 @@ fn track_shows_errors_with_and_without_the_effects_of_the_model() {
 }
 
 #[test]
+fn compare_shows_the_effects_of_models() {
+    let bench = Bench::new();
+    bench.done("simulate --settle 0 --out x.csv --truth plain.toml");
+    bench.done(&format!("simulate --settle 0 --out y.csv --truth with.toml {EFFECTS}"));
+    let text = bench.done("compare plain.toml with.toml");
+    let row = text.lines().find(|line| line.starts_with("cogging 3 amplitude_nm")).unwrap_or_else(|| panic!("{text}"));
+    assert!(row.contains('–') && row.ends_with("0.100000"), "{row}");
+    // Friction is shown with its digits.
+    let viscous = text.lines().find(|line| line.starts_with("viscous friction 2")).unwrap();
+    let digits = viscous.split_whitespace().nth(3).unwrap().trim_start_matches(['0', '.', '-']);
+    assert!(digits.len() >= 6, "{viscous}");
+    let json = bench.json("compare plain.toml with.toml");
+    assert_eq!(json["models"][0]["effects"].as_array().unwrap().len(), 0, "{json}");
+    assert_eq!(json["models"][1]["effects"].as_array().unwrap().len(), 3, "{json}");
+}
+
+#[test]
 fn effects_that_are_not_compensated_are_named() {
     let bench = Bench::new();
     let effects = "--effect backlash:joint=3,gap_rad=0.001 --effect cogging:joint=2,amplitude_nm=0.02";

@@ -240,8 +240,8 @@ fn comparisons_and_designed_movements_have_pages() {
     let page = Page::read(&bench, "movement.html");
     page.expect_sections(&["Predicted standard errors", "Movement", "Margins", "Provenance"]);
     let promised = &designed["parameters"];
-    assert_eq!(page.column("Predicted standard errors", 0, 2), all(promised, "standard_error"));
-    assert_eq!(page.column("Predicted standard errors", 0, 1), all(promised, "paper_standard_error"));
+    assert_eq!(page.column("Predicted standard errors", 0, 1), all(promised, "standard_error"));
+    assert_eq!(page.column("Predicted standard errors", 0, 3), all(promised, "paper_standard_error"));
     assert_eq!(page.pictures("Movement").len(), 4);
 }
 

@@ -107,6 +107,14 @@ fn whoever_answers_is_told_what_is_wrong_and_asked_again() {
 }
 
 #[test]
+fn json_is_json_where_no_file_is_written() {
+    let bench = Bench::new();
+    let example = bench.json("new-robot --example emps");
+    let robot = Robot::from_bytes("emps.toml".as_ref(), example["toml"].as_str().unwrap().into()).unwrap();
+    assert_eq!(example["robot"], robot.name.as_str());
+}
+
+#[test]
 fn questions_are_listed_with_their_keys() {
     let bench = Bench::new();
     let list = bench.done("new-robot --list");

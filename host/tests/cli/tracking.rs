@@ -23,6 +23,32 @@ fn without_a_model_track_identifies_the_arm_first() {
     }
 }
 
+/// The paper's movements go where this arm may not be.
+#[test]
+fn an_arm_that_cannot_make_the_papers_movements_is_identified_from_the_given_and_a_designed_one() {
+    let bench = Bench::new();
+    bench.spoil("robot.toml", "narrow.toml", |text| {
+        let bound = |line: &str| match line.split(" = ").next() {
+            Some(key @ "position_low_rad") => format!("{key} = -0.4"),
+            Some(key @ "position_high_rad") => format!("{key} = 0.3"),
+            _ => line.into(),
+        };
+        text.lines().map(|line| bound(line) + "\n").collect()
+    });
+    let remedy = ["position of joint", "armid excite --robot FILE --out m.toml", "--trajectory m.toml"];
+    for command in ["record --board sim", "track --board sim", "simulate"] {
+        bench.refused(UNSAFE, &format!("{command} --robot narrow.toml"), &remedy);
+    }
+    bench.done("excite --robot narrow.toml --generations 1 --duration 4 --out m.toml");
+    let output = bench.run("track --board sim --robot narrow.toml --trajectory m.toml --settle 0.5 --json");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    assert!(stderr.contains("identified from m.toml and a movement designed within its limits"), "{stderr}");
+    let tracked: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let within = numbers(&tracked["ctc"]["within_one_count"]);
+    assert!(within.iter().all(|share| *share > 99.0), "{tracked}");
+}
+
 /// An amplifier that cannot give what the movement takes is at its limit for a while, and that is told.
 #[test]
 fn time_in_limits_is_told() {

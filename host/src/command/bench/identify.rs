@@ -261,8 +261,14 @@ impl Comparison {
 
 /// Runs a program and reads its rate.
 fn baseline_rate(command: &str) -> Result<f64, CommandError> {
-    let output = Command::new("sh").args(["-c", command]).output();
-    let printed = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
+    let cannot =
+        |why: &str| CommandError::Failed(format!("the baseline {command:?} cannot be run: {why}; check its path"));
+    let output = Command::new("sh").args(["-c", command]).output().map_err(|error| cannot(&error.to_string()))?;
+    // What a shell answers for a program that is not there, or is none.
+    if matches!(output.status.code(), Some(126 | 127)) {
+        return Err(cannot(String::from_utf8_lossy(&output.stderr).trim()));
+    }
+    let printed = String::from_utf8_lossy(&output.stdout);
     let rate = printed.lines().find_map(|line| line.strip_prefix("evals_per_s ")?.trim().parse().ok());
     rate.ok_or_else(|| {
         CommandError::Failed(format!(

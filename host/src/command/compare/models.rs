@@ -2,9 +2,11 @@
 
 use std::path::PathBuf;
 
+use armid::effects::BOTH_JOINTS;
 use armid::identified_model;
 use armid::identify::Experiment;
 use armid::model::Model;
+use armid::number_text::significant;
 use armid::recording::Recording;
 use armid::robot::Robot;
 use serde_json::{Value, json};
@@ -95,6 +97,29 @@ pub fn in_standard_errors(first: &Entry, entry: &Entry) -> Option<f64> {
     (together > 0.0).then(|| (entry.value - first.value) / together)
 }
 
+/// Every parameter of an effect that any of the models has: effect, joint and parameter.
+fn effect_parameters(compared: &[Compared]) -> Vec<(String, String, String)> {
+    let mut all = Vec::new();
+    for effect in compared.iter().flat_map(|one| &one.model.effects) {
+        for parameter in effect.parameters.keys() {
+            let name = (effect.name.clone(), effect.joint.clone(), parameter.clone());
+            if !all.contains(&name) {
+                all.push(name);
+            }
+        }
+    }
+    all
+}
+
+/// A parameter of an effect and its standard error; nothing where the model has no such effect.
+fn effect_parameter(
+    model: &Model,
+    (effect, joint, parameter): &(String, String, String),
+) -> Option<(f64, Option<f64>)> {
+    let effect = model.effects.iter().find(|candidate| candidate.name == *effect && candidate.joint == *joint)?;
+    Some((*effect.parameters.get(parameter)?, effect.standard_error.get(parameter).copied()))
+}
+
 fn method(model: &Model) -> &str {
     model.provenance.get("method").and_then(|method| method.as_str()).unwrap_or("")
 }
@@ -117,7 +142,7 @@ fn table(robot: &Robot, compared: &[Compared]) -> String {
             let apart = in_standard_errors(named, entry);
             let apart = apart.filter(|_| !std::ptr::eq(of_model, &compared[0]));
             let apart = apart.map_or_else(String::new, |apart| format!(" ({apart:+.1})"));
-            format!("{:.6}{error}{apart}", entry.value)
+            format!("{}{error}{apart}", significant(entry.value, 6))
         };
         lines.push(row(&named.name, compared.iter().map(cell).collect()));
     }
@@ -126,6 +151,16 @@ fn table(robot: &Robot, compared: &[Compared]) -> String {
         let list = |values: &[f64]| values.iter().map(|value| format!("{value:.3}")).collect::<Vec<_>>().join(" / ");
         lines.push(row("closed-loop gap", gaps.iter().map(|gap| list(&gap.closed_loop_rms_counts)).collect()));
         lines.push(row("innovations", gaps.iter().map(|gap| list(&gap.innovation_rms_counts)).collect()));
+    }
+    for name in effect_parameters(compared) {
+        let cell = |one: &Compared| {
+            let Some((value, error)) = effect_parameter(&one.model, &name) else { return "–".to_string() };
+            format!("{}{}", significant(value, 6), error.map_or_else(String::new, |error| format!(" ± {error:.1e}")))
+        };
+        let cells = compared.iter().map(cell).collect();
+        let (effect, joint, parameter) = name;
+        let whose = if joint == BOTH_JOINTS { String::new() } else { format!(" {joint}") };
+        lines.push(row(&format!("{effect}{whose} {parameter}"), cells));
     }
     lines.push("in brackets: difference from the first model in standard errors of the difference".into());
     if !gaps.is_empty() {
@@ -155,7 +190,7 @@ fn to_json(compared: &[Compared]) -> Value {
                 "innovation_rms_counts": gap.innovation_rms_counts,
             })
         });
-        json!({"model": one.path, "method": method(&one.model), "parameters": parameters, "gap": gap})
+        json!({"model": one.path, "method": method(&one.model), "parameters": parameters, "effects": one.model.effects, "gap": gap})
     };
     json!({"models": compared.iter().map(of_model).collect::<Vec<Value>>()})
 }

@@ -74,7 +74,8 @@ impl LoadDemo {
         client.prepare(&configuration, Pose::DefaultsTo([0.0; 2]), false)?;
 
         advise("1/3 identifying the empty arm");
-        let model = own_model::identified(&mut client, &robot, seed)?;
+        let model =
+            own_model::identified(&mut client, &robot, &TrajectoryArguments::paper(PERIOD_S).prepare(&robot)?, seed)?;
         model.write(&self.common.out.join("model.toml"))?;
         client.upload(&for_board(&robot, &model)?)?;
 

@@ -4,46 +4,55 @@ use armid::excite::{Design, USED_SHARE};
 use armid::report::{Cell, Ink, Line, Page, Picture, Provenance, Section, Table};
 use armid::robot::Robot;
 
+use super::super::excite::of_paper;
+
 /// Points of a curve.
 const POINTS: u64 = 600;
 
-/// The page of a movement designed; `paper` says which movements of the paper it is compared with.
-pub fn page(robot: &Robot, design: &Design, paper: &str, provenance: &Provenance) -> Page {
+/// The page of a movement designed.
+pub fn page(robot: &Robot, design: &Design, provenance: &Provenance) -> Page {
     let worst = |(parameter, error): (armid::identify::Parameter, f64)| {
         format!("{} {:.4} %", parameter.name(robot), 100.0 * error)
     };
-    let verdict = format!(
-        "Worst of f: {} with {paper}, {} with this movement, {:.2} times better. Condition number {:.0} instead of {:.0}.",
-        worst(design.paper.worst),
-        worst(design.designed.worst),
-        design.paper.worst.1 / design.designed.worst.1,
-        design.designed.condition,
-        design.paper.condition
-    );
+    let designed = &design.designed;
+    let verdict = match of_paper(design) {
+        Some((name, paper)) => format!(
+            "Worst of f: {} with {name}, {} with this movement, {:.2} times better. Condition number {:.0} instead of {:.0}.",
+            worst(paper.worst),
+            worst(designed.worst),
+            paper.worst.1 / designed.worst.1,
+            designed.condition,
+            paper.condition
+        ),
+        None => format!("Worst of f: {}. Condition number {:.0}.", worst(designed.worst), designed.condition),
+    };
     Page {
         command: "excite".into(),
         title: robot.name.clone(),
         verdict,
-        sections: vec![
-            promised(robot, design, paper),
-            movement(robot, design),
-            margins(robot, design),
-            provenance.section(),
-        ],
+        sections: vec![promised(robot, design), movement(robot, design), margins(robot, design), provenance.section()],
     }
 }
 
-fn promised(robot: &Robot, design: &Design, paper: &str) -> Section {
-    let mut table = Table::new(["parameter", paper, "this movement", "this movement, %", "times better"]);
+fn promised(robot: &Robot, design: &Design) -> Section {
+    let of_paper = of_paper(design);
+    let mut headings = vec!["parameter", "this movement", "this movement, %"];
+    if let Some((name, _)) = &of_paper {
+        headings.extend([name.as_str(), "times better"]);
+    }
+    let mut table = Table::new(headings);
     for (index, &parameter) in design.free.iter().enumerate() {
-        let [paper, designed] = [&design.paper, &design.designed].map(|expected| expected.standard_errors[index]);
-        table = table.row([
+        let designed = design.designed.standard_errors[index];
+        let mut cells = vec![
             Cell::from(parameter.name(robot)),
-            Cell::scientific(paper),
             Cell::scientific(designed),
             Cell::fixed(100.0 * designed / design.magnitudes[index], 4),
-            Cell::fixed(paper / designed, 2),
-        ]);
+        ];
+        if let Some((_, paper)) = &of_paper {
+            let of_paper = paper.standard_errors[index];
+            cells.extend([Cell::scientific(of_paper), Cell::fixed(of_paper / designed, 2)]);
+        }
+        table = table.row(cells);
     }
     Section::new("Predicted standard errors")
         .text("From rounding alone, in the parameter's own unit and relative to its magnitude.")

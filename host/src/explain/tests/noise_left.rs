@@ -28,6 +28,10 @@ fn more_noise_than_a_robot_has_is_called_unknown() {
     assert_eq!((explanation.verdict, explanation.effects.len()), (Verdict::Unknown, 0), "{:?}", explanation.sentences);
     let told = |sentence: &String| sentence.starts_with("joint 3: an irregular torque");
     assert!(explanation.sentences.iter().any(told), "{:?}", explanation.sentences);
+    // Programs are told as well.
+    let left = explanation.to_json()["left"][1].clone();
+    assert!(left["joint"] == "3" && left["is_more_than_noise"] == true, "{left}");
+    assert!((0.03..0.1).contains(&left["share_of_coulomb"].as_f64().unwrap_or(0.0)), "{left}");
 }
 
 /// Fits as likely as the one found leave on average, in the recording kept back, what is expected of them.
@@ -113,6 +117,8 @@ fn a_floor_that_shakes_is_called_unknown() {
     assert_eq!((explanation.verdict, explanation.effects.len()), (Verdict::Unknown, 0), "{:?}", explanation.sentences);
     let told = |sentence: &String| sentence.starts_with("joint 2: a tone of 2.6");
     assert!(explanation.sentences.iter().any(told), "{:?}", explanation.sentences);
+    let tone_hz = explanation.to_json()["left"][0]["tone_hz"].as_f64();
+    assert!(tone_hz.is_some_and(|tone_hz| (2.6..2.7).contains(&tone_hz)), "{tone_hz:?}");
 }
 
 /// A push is found in noise because it is looked for; χ² falls with it by more than what proves other effects.
