@@ -204,3 +204,37 @@ fn a_single_axis_is_read_but_not_moved() {
     }
     bench.refused(USAGE, "new-robot --set kind=single-axis --set unit=m --set name=x --defaults", &["link1.moved"]);
 }
+
+#[test]
+fn a_loop_that_ticks_between_the_samples_is_identified_within_its_errors_and_lacks_nothing() {
+    const LARGEST_IN_STANDARD_ERRORS: f64 = 3.0;
+    // What noise reaches in a few dozen null simulations of a loop that is stable.
+    const MOST_BY_CHANCE: f64 = 100.0;
+    let bench = Bench::new();
+    bench.done("new-robot --example puma-560 --out puma.toml");
+    let every_tick = std::fs::read_to_string(bench.path("puma.toml")).unwrap();
+    let every_tenth = every_tick.replace("record_period_s = 0.0007", "record_period_s = 0.007");
+    assert_ne!(every_tick, every_tenth);
+    std::fs::write(bench.path("tenth.toml"), every_tenth).unwrap();
+    for seed in [1, 2] {
+        for (name, period_s) in [("slow", 5.0), ("fast", 3.65), ("kept", 4.3)] {
+            bench.done(&format!(
+                "simulate --robot tenth.toml --seed {seed} --period {period_s} --out {name}{seed}.csv --truth truth.toml"
+            ));
+        }
+        let recordings = format!("slow{seed}.csv fast{seed}.csv");
+        let found = bench.json(&format!("identify --robot tenth.toml {recordings}"));
+        let truth: toml::Table = std::fs::read_to_string(bench.path("truth.toml")).unwrap().parse().unwrap();
+        let true_f = truth["f"]["value"].as_array().unwrap().iter().map(|f| f.as_float().unwrap());
+        let off: Vec<f64> = numbers(&found["f"])
+            .iter()
+            .zip(true_f)
+            .zip(numbers(&found["standard_error"]))
+            .map(|((found, truth), error)| (found - truth) / error)
+            .collect();
+        assert!(off.iter().all(|off| off.abs() < LARGEST_IN_STANDARD_ERRORS), "{off:?}");
+        let explained = bench.json(&format!("explain --robot tenth.toml {recordings} --check kept{seed}.csv"));
+        assert_eq!(explained["verdict"], "none", "{explained}");
+        assert!(explained["threshold"].as_f64().unwrap() < MOST_BY_CHANCE, "{}", explained["threshold"]);
+    }
+}
