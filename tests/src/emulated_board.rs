@@ -78,6 +78,18 @@ pub fn firmware_from_environment() -> Option<PathBuf> {
     std::env::var_os(FIRMWARE_VARIABLE).filter(|path| !path.is_empty()).map(PathBuf::from)
 }
 
+/// Names the command `armid`, which belongs to another package than the tests that run it on this board.
+const COMMAND_VARIABLE: &str = "ARMID_COMMAND";
+
+/// The image and the command that the environment names; nothing, and a word about it, where it does not name both.
+pub fn image_and_command_from_environment() -> Option<(PathBuf, PathBuf)> {
+    let named = firmware_from_environment().zip(std::env::var_os(COMMAND_VARIABLE).map(PathBuf::from));
+    if named.is_none() {
+        println!("SKIPPED: {FIRMWARE_VARIABLE} or {COMMAND_VARIABLE} is not set; run `tests/run emulated`");
+    }
+    named
+}
+
 /// Why an emulation did not start, or ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum EmulationError {

@@ -13,13 +13,10 @@ use armid::firmware_image::{FirmwareImage, PARAMETER_FLASH};
 use armid::link::MemoryFlash;
 use armid_tests::emulated_board::flash::FlashOperation;
 use armid_tests::emulated_board::observations::{FlashUse, OutputChange};
-use armid_tests::emulated_board::{EmulatedBoard, FIRMWARE_VARIABLE, firmware_from_environment};
+use armid_tests::emulated_board::{EmulatedBoard, image_and_command_from_environment};
 use armid_tests::scenarios::{hidden, nod, prepared, robot, true_model};
 use rigless::soc::Width;
 use shared::protocol::{ControlLaw, Request};
-
-/// Names the command `armid`, which belongs to another package than this test.
-const COMMAND_VARIABLE: &str = "ARMID_COMMAND";
 
 /// What a board's program calls the board, and another program something as long.
 const BOARD: &str = "nucleo-f429zi";
@@ -42,18 +39,14 @@ struct Bench {
 
 impl Bench {
     fn new() -> Option<Self> {
-        let (firmware, command) = (firmware_from_environment(), std::env::var_os(COMMAND_VARIABLE));
-        let (Some(firmware), Some(command)) = (firmware, command) else {
-            println!("SKIPPED: {FIRMWARE_VARIABLE} or {COMMAND_VARIABLE} is not set; run `tests/run emulated`");
-            return None;
-        };
+        let (firmware, command) = image_and_command_from_environment()?;
         let folder = tempfile::tempdir().expect("a folder");
         let other = folder.path().join("other.elf");
         std::fs::write(&other, other_program(&firmware)).expect("a file");
         let flash = MemoryFlash::default();
         let board = EmulatedBoard::start_with_probe(&other, &robot(), &hidden(), &flash, 0).expect("a board");
         let image = FirmwareImage::read(&firmware).expect("an image");
-        Some(Self { image, command: command.into(), board, folder })
+        Some(Self { image, command, board, folder })
     }
 
     /// A client of whatever program runs there now.

@@ -9,11 +9,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
-use armid_tests::emulated_board::{FIRMWARE_VARIABLE, firmware_from_environment};
+use armid_tests::emulated_board::image_and_command_from_environment;
 use serde_json::Value;
-
-/// Names the command `armid`, which belongs to another package than this test.
-const COMMAND_VARIABLE: &str = "ARMID_COMMAND";
 
 /// Exit code of a command that the board's state forbids.
 const REFUSED: i32 = 5;
@@ -59,13 +56,9 @@ struct Bench {
 
 impl Bench {
     fn new() -> Option<Self> {
-        let (firmware, command) = (firmware_from_environment(), std::env::var_os(COMMAND_VARIABLE));
-        let (Some(firmware), Some(command)) = (firmware, command) else {
-            println!("SKIPPED: {FIRMWARE_VARIABLE} or {COMMAND_VARIABLE} is not set; run `tests/run emulated`");
-            return None;
-        };
+        let (firmware, command) = image_and_command_from_environment()?;
         let folder = tempfile::tempdir().expect("a folder");
-        Some(Self { board: BoardProgram::start(&firmware), firmware, command: command.into(), folder })
+        Some(Self { board: BoardProgram::start(&firmware), firmware, command, folder })
     }
 
     fn run(&self, arguments: &[&str]) -> Command {
