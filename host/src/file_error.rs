@@ -26,10 +26,6 @@ fn line_suffix(line: Option<usize>) -> String {
     line.map(|line| format!(":{line}")).unwrap_or_default()
 }
 
-fn older_suffix(older: Option<&Path>) -> String {
-    older.map(|path| format!("; {} is the older file", path.display())).unwrap_or_default()
-}
-
 impl FileError {
     /// The file at `path` cannot be opened or read.
     pub(crate) fn unreadable(path: &Path, source: std::io::Error) -> Self {
@@ -140,20 +136,14 @@ pub enum Problem {
         expected: String,
     },
     /// A recording and a manifest that were not written together.
-    #[error(
-        "does not belong to its manifest {}, which states {stated}; here are {found}{}",
-        manifest.display(),
-        older_suffix(older.as_deref())
-    )]
+    #[error("does not belong to its manifest {}, which states {stated} rows; here are {found}", manifest.display())]
     OtherManifest {
         /// The manifest.
         manifest: PathBuf,
-        /// Rows and checksum that it states.
-        stated: String,
-        /// Rows and checksum of the recording.
-        found: String,
-        /// Which of the two files is the older one, if that can be told.
-        older: Option<PathBuf>,
+        /// Rows that it states.
+        stated: usize,
+        /// Rows of the recording.
+        found: usize,
     },
     /// Columns or contents belong to another joint than their name says.
     #[error("the joints look swapped: {evidence}")]

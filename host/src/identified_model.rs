@@ -17,10 +17,18 @@ pub fn from_identification(robot: &Robot, found: &Identification, provenance: to
     if robot.kind == Kind::SingleAxis {
         f[0] = 1.0;
     }
+    // What was not sought is taken as known: its standard error is 0. What nothing shows is known as its range is.
+    let unsought = |parameter: Parameter| match parameter {
+        Parameter::F(index) if found.not_identifiable.contains(&parameter) => {
+            let [low, high] = robot.search[index];
+            high - low
+        }
+        _ => 0.0,
+    };
     let errors = |of: &dyn Fn(usize) -> Parameter, count: usize| -> Option<Vec<f64>> {
-        let errors: Vec<Option<f64>> = (0..count).map(|index| found.standard_error(of(index))).collect();
-        // What was not sought is taken as known: its standard error is 0.
-        errors.iter().any(Option::is_some).then(|| errors.into_iter().map(|error| error.unwrap_or(0.0)).collect())
+        let known: Vec<Option<f64>> = (0..count).map(|index| found.standard_error(of(index))).collect();
+        let all = known.iter().enumerate().map(|(index, error)| error.unwrap_or_else(|| unsought(of(index))));
+        known.iter().any(Option::is_some).then(|| all.collect())
     };
     let f_standard_error = errors(&Parameter::F, PARAMETERS).and_then(|errors| errors.try_into().ok());
     let offset = |index: usize| {

@@ -38,7 +38,7 @@ pub use batch::{SEARCH_LANES, instructions};
 pub use certainty::{Direction, LeftOut, Repeats, weak_directions};
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
-pub use parameters::{FrictionMode, Parameter, Prior, Sought, Values, free_parameters};
+pub use parameters::{FrictionMode, Parameter, Prior, Sought, Values, free_parameters, unseen_parameters};
 pub use search::{Found, Generation, Judge, SearchBox, Searcher, acceptable, search};
 pub use sensitivity::{Columns, Residual};
 pub use stages::LADDER_HZ;
@@ -346,6 +346,7 @@ fn identify_here(
         .flat_map(|errors| free.iter().zip(errors).zip(&tolerances))
         .filter(|&((_, &error), &tolerance)| error.is_nan() || error >= tolerance)
         .map(|((&parameter, _), _)| parameter)
+        .chain(unseen_parameters(robot, &sought))
         .collect();
     let certainty = outcome.certainty.as_ref();
     Ok(Identification {

@@ -308,7 +308,7 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
         .free
         .iter()
         .copied()
-        .chain(tied(found))
+        .chain(unsought(found))
         .map(|parameter| {
             json!({
                 "name": parameter.name(robot),
@@ -368,10 +368,11 @@ fn to_json(robot: &Robot, found: &Identification, model: &Model, seed: u64) -> V
     object
 }
 
-/// What was not sought itself, but follows from what was.
-pub fn tied(found: &Identification) -> impl Iterator<Item = Parameter> {
+/// What was not sought itself, but follows from what was, or is shown by nothing.
+pub fn unsought(found: &Identification) -> impl Iterator<Item = Parameter> {
     let is_tied = found.values.upper_arm_m.is_some();
-    [Parameter::F(2), Parameter::F(3)].into_iter().filter(move |_| is_tied)
+    let tied = [Parameter::F(2), Parameter::F(3)].into_iter().filter(move |_| is_tied);
+    tied.chain(found.not_identifiable.iter().copied().filter(|parameter| !found.free.contains(parameter)))
 }
 
 /// The leads that were sought, joint by joint: null where none was.
@@ -390,7 +391,7 @@ fn leads_to_json(robot: &Robot, found: &Identification) -> Value {
 /// The result for people.
 fn report(robot: &Robot, found: &Identification) -> String {
     let mut lines = vec![format!("{:<22} {:>14} {:>14}  {}", "parameter", "value", "standard error", "relative")];
-    for parameter in found.free.iter().copied().chain(tied(found)) {
+    for parameter in found.free.iter().copied().chain(unsought(found)) {
         let value = found.values.get(parameter);
         let (error, relative) = match found.standard_error(parameter) {
             Some(error) => (format!("{error:.3e}"), format!("{:.3} %", 100.0 * (error / value).abs())),

@@ -181,14 +181,30 @@ pub struct Sought {
     pub upper_arm_m: Option<f64>,
 }
 
-/// The parameters that are free for this robot: f (the mass alone on a single axis), friction where it is unknown or
-/// asked for, gains and leads where asked for, and on a single axis the torque offset, which nothing else there could take up.
+/// f5, f6, f8 and f9, which move the arm by their weight alone.
+const BY_WEIGHT: [usize; 4] = [4, 5, 7, 8];
+
+/// The parameters that no movement of this robot shows: on an arm that feels no gravity what acts by weight alone, unless
+/// f3 and f4 follow from it.
+pub fn unseen_parameters(robot: &Robot, sought: &Sought) -> Vec<Parameter> {
+    if robot.kind != Kind::TwoLink || robot.gravity_m_s2 != 0.0 {
+        return Vec::new();
+    }
+    let shows = |index: usize| sought.upper_arm_m.is_some() && (index == 4 || index == 5);
+    BY_WEIGHT.into_iter().filter(|&index| !shows(index)).map(Parameter::F).collect()
+}
+
+/// The parameters that are free for this robot: f (the mass alone on a single axis) as far as a movement shows it, friction
+/// where it is unknown or asked for, gains and leads where asked for, and on a single axis the torque offset, which nothing
+/// else there could take up.
 pub fn free_parameters(robot: &Robot, sought: &Sought) -> Vec<Parameter> {
     let tied = |index: usize| sought.upper_arm_m.is_some() && (index == 2 || index == 3);
     let mut free: Vec<Parameter> = match robot.kind {
         Kind::TwoLink => (0..PARAMETERS).filter(|&index| !tied(index)).map(Parameter::F).collect(),
         Kind::SingleAxis => vec![Parameter::F(6)],
     };
+    let unseen = unseen_parameters(robot, sought);
+    free.retain(|parameter| !unseen.contains(parameter));
     for (index, joint) in robot.joints.iter().enumerate() {
         let asked = sought.friction == FrictionMode::Identify;
         if asked || joint.viscous_friction_nm_s_per_rad.is_none() {

@@ -1,6 +1,5 @@
 //! The sidecar of a recording: how it was made.
 
-use std::cmp::Ordering;
 use std::path::Path;
 
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -222,32 +221,35 @@ impl Manifest {
         Ok(())
     }
 
-    /// Accepts the manifest at `path` only if it was written with the CSV of these rows and bytes at `csv_path`, or does
-    /// not say with which.
-    pub(super) fn check_csv(&self, path: &Path, csv_path: &Path, rows: usize, csv: &[u8]) -> Result<(), FileError> {
-        let (Some(stated_rows), Some(stated)) = (self.rows, &self.csv) else { return Ok(()) };
+    /// Compares the CSV of these rows and bytes at `csv_path` with the one that the manifest at `path` was written with, where
+    /// it says so. Another number of rows is refused: the CSV was cut, or is of another movement; with `gaps` allowed, rows may
+    /// be missing. Rows that were changed since are told in what is returned: people mend and cut their recordings.
+    pub(super) fn check_csv(
+        &self,
+        path: &Path,
+        csv_path: &Path,
+        (rows, csv): (usize, &[u8]),
+        gaps: bool,
+    ) -> Result<Option<String>, FileError> {
+        let (Some(stated_rows), Some(stated)) = (self.rows, &self.csv) else { return Ok(None) };
         let found = ManifestCsv::of(csv);
         if stated_rows == rows && *stated == found {
-            return Ok(());
+            return Ok(None);
         }
-        let written = |path: &Path| std::fs::metadata(path).and_then(|file| file.modified()).ok();
-        let older = written(path).zip(written(csv_path)).and_then(|(manifest, csv)| match manifest.cmp(&csv) {
-            Ordering::Less => Some(path),
-            Ordering::Equal => None,
-            Ordering::Greater => Some(csv_path),
-        });
+        if rows == stated_rows || gaps && rows < stated_rows {
+            let manifest = path.display();
+            return Ok(Some(format!(
+                "these are not the rows that {manifest} was written with ({rows} of {stated_rows}): they were changed since, or \
+                 are of another movement"
+            )));
+        }
         Err(FileError {
             path: csv_path.to_path_buf(),
             line: None,
-            problem: Problem::OtherManifest {
-                manifest: path.to_path_buf(),
-                stated: format!("{stated_rows} rows with CRC-32 {}", stated.crc32),
-                found: format!("{rows} with {}", found.crc32),
-                older: older.map(Path::to_path_buf),
-            },
+            problem: Problem::OtherManifest { manifest: path.to_path_buf(), stated: stated_rows, found: rows },
             remedy: format!(
-                "copy both again whole, or record again; where the rows were changed on purpose, remove `rows` and `[csv]` \
-                 from {}",
+                "copy both again whole, or record again; where rows are missing on purpose, --allow-gaps takes what is there, as \
+                 does {} without `rows` and `[csv]`",
                 path.display()
             ),
         })

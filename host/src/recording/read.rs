@@ -139,7 +139,8 @@ pub(super) fn from_bytes(
     }
     let samples = recording.samples();
     if let Some(manifest) = &mut recording.manifest {
-        manifest.check_csv(&Recording::manifest_path(path), path, samples, bytes)?;
+        let doubt = manifest.check_csv(&Recording::manifest_path(path), path, (samples, bytes), options.allow_gaps)?;
+        recording.notes.extend(doubt);
         (manifest.rows, manifest.csv) = (None, None);
     }
     if samples < LEAST_SAMPLES {

@@ -238,3 +238,29 @@ fn a_loop_that_ticks_between_the_samples_is_identified_within_its_errors_and_lac
         assert!(explained["threshold"].as_f64().unwrap() < MOST_BY_CHANCE, "{}", explained["threshold"]);
     }
 }
+
+#[test]
+fn what_acts_by_weight_alone_is_not_identifiable_on_an_arm_that_feels_no_gravity() {
+    const LARGEST_IN_STANDARD_ERRORS: f64 = 3.0;
+    let bench = Bench::new();
+    bench.done("new-robot --example puma-560 --out puma.toml");
+    let text = std::fs::read_to_string(bench.path("puma.toml")).unwrap();
+    let weightless = text.replace("gravity_m_s2 = 9.81", "gravity_m_s2 = 0.0");
+    assert_ne!(text, weightless);
+    std::fs::write(bench.path("flat.toml"), weightless).unwrap();
+    for (name, period_s) in [("slow", 5.0), ("fast", 3.65)] {
+        bench.done(&format!("simulate --robot flat.toml --period {period_s} --out {name}.csv --truth truth.toml"));
+    }
+    let found = bench.json("identify --robot flat.toml slow.csv fast.csv --out flat-model.toml");
+    assert_eq!(found["not_identifiable"], serde_json::json!(["f5", "f6", "f8", "f9"]));
+    let truth: toml::Table = std::fs::read_to_string(bench.path("truth.toml")).unwrap().parse().unwrap();
+    let (f, errors) = (numbers(&found["f"]), numbers(&found["standard_error"]));
+    for index in [0, 1, 2, 3, 6] {
+        let off = (f[index] - truth["f"]["value"][index].as_float().unwrap()) / errors[index];
+        assert!(errors[index] > 0.0 && off.abs() < LARGEST_IN_STANDARD_ERRORS, "f{}: {off}", index + 1);
+    }
+    // As much as is known of the others is that they are within their ranges.
+    assert!([4, 5, 7, 8].iter().all(|&index| errors[index] > 0.5), "{errors:?}");
+    let tracked = bench.json("track --board sim --robot flat.toml --model flat-model.toml --settle 0.5");
+    assert!(numbers(&tracked["ctc"]["within_one_count"]).iter().all(|&percent| percent > 99.0), "{tracked}");
+}

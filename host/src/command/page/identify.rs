@@ -54,13 +54,13 @@ impl Identified<'_> {
 
     fn rows(&self) -> Vec<Row> {
         let found = self.found;
-        let tied = super::super::identify::tied(found);
+        let unsought = super::super::identify::unsought(found);
         let row = |parameter| {
             let row = Row::of(self.robot, parameter, found.values.get(parameter), found.standard_error(parameter));
             let open = found.not_identifiable.contains(&parameter);
             Row { remark: if open { "not identifiable".into() } else { String::new() }, ..row }
         };
-        found.free.iter().copied().chain(tied).map(row).collect()
+        found.free.iter().copied().chain(unsought).map(row).collect()
     }
 
     fn quality(&self) -> Section {
