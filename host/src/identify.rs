@@ -38,6 +38,7 @@ pub use batch::{SEARCH_LANES, instructions};
 pub use certainty::{Direction, LeftOut, Repeats, weak_directions};
 pub use experiment::{Experiment, Fineness, Segment};
 pub use low_pass::low_pass;
+pub(crate) use parameters::MOMENTS;
 pub use parameters::{FrictionMode, Parameter, Prior, Sought, Values, free_parameters, unseen_parameters};
 pub use search::{Found, Generation, Judge, SearchBox, Searcher, acceptable, search};
 pub use sensitivity::{Columns, Residual};

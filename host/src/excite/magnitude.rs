@@ -2,11 +2,8 @@
 
 use shared::arm::{PARAMETERS, REFERENCE_F};
 
-use crate::identify::{Parameter, Values};
+use crate::identify::{MOMENTS, Parameter, Values};
 use crate::robot::Robot;
-
-/// Which f are moments, in kg m; the others are inertias, in kg m².
-const MOMENTS: [usize; 4] = [4, 5, 7, 8];
 
 /// The magnitude by which an error of `parameter` is judged: its own, but for an f that is small beside its search range, as
 /// f3, f5 and f8 of a PUMA are, that of its fellows in the same unit: 1 on the reference robot, as much less on an arm as

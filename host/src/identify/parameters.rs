@@ -181,8 +181,8 @@ pub struct Sought {
     pub upper_arm_m: Option<f64>,
 }
 
-/// f5, f6, f8 and f9, which move the arm by their weight alone.
-const BY_WEIGHT: [usize; 4] = [4, 5, 7, 8];
+/// Which f are moments, in kg m: f5, f6, f8 and f9, which act by their weight alone. The others are inertias, in kg m².
+pub(crate) const MOMENTS: [usize; 4] = [4, 5, 7, 8];
 
 /// The parameters that no movement of this robot shows: on an arm that feels no gravity what acts by weight alone, unless
 /// f3 and f4 follow from it.
@@ -191,7 +191,7 @@ pub fn unseen_parameters(robot: &Robot, sought: &Sought) -> Vec<Parameter> {
         return Vec::new();
     }
     let shows = |index: usize| sought.upper_arm_m.is_some() && (index == 4 || index == 5);
-    BY_WEIGHT.into_iter().filter(|&index| !shows(index)).map(Parameter::F).collect()
+    MOMENTS.into_iter().filter(|&index| !shows(index)).map(Parameter::F).collect()
 }
 
 /// The parameters that are free for this robot: f (the mass alone on a single axis) as far as a movement shows it, friction
