@@ -5,6 +5,7 @@
 
 mod cuts;
 mod spikes;
+mod standing;
 
 use std::fmt;
 use std::ops::Range;

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::standing::standing;
 use super::{contiguous, median};
 use crate::recording::Recording;
 use crate::robot::Robot;
@@ -28,16 +29,6 @@ const MOST_BESIDE: f64 = 0.3;
 
 /// A current that is this share of its peak throughout a stretch is at a limit there.
 const FLAT: f64 = 0.95;
-
-/// A motor against a stop stands for at least this long.
-const STANDING_S: f64 = 0.05;
-
-/// Friction holds a motor until the torque has changed by twice its Coulomb friction. Change beyond twice that is
-/// held by something else.
-const HELD_BY_FRICTION: f64 = 4.0;
-
-/// Where the friction is not known, this share of the largest torque instead.
-const HELD_SHARE: f64 = 0.3;
 
 /// Left out around a stop: the bounce.
 const BOUNCE_S: f64 = 0.05;
@@ -146,40 +137,6 @@ fn runs(range: &Range<usize>, least: usize, holds: impl Fn(usize) -> bool) -> Ve
                 from = None;
             }
             _ => {}
-        }
-    }
-    found
-}
-
-/// Stretches in which a motor stands although the torque on it changes by more than friction holds.
-fn standing(
-    recording: &Recording,
-    robot: &Robot,
-    commands_a: &[f64],
-    index: usize,
-    range: &Range<usize>,
-) -> Vec<Range<usize>> {
-    let joint = &robot.joints[index];
-    let held_nm = match joint.coulomb_friction_nm {
-        Some(coulomb_nm) if coulomb_nm > 0.0 => HELD_BY_FRICTION * coulomb_nm,
-        _ => HELD_SHARE * joint.current_limit_a * joint.torque_constant_nm_per_a,
-    };
-    let position = |k: usize| recording.reference_counts[index][k] - recording.error_counts[index][k];
-    let least = (STANDING_S / robot.record_period_s) as usize;
-    let mut found = Vec::new();
-    let mut from = range.start;
-    while from < range.end {
-        let to = (from + 1..range.end).find(|&k| (position(k) - position(from)).abs() > 1.0).unwrap_or(range.end);
-        if to - from >= least {
-            let stretch = &commands_a[from..to];
-            let lowest = stretch.iter().copied().fold(f64::INFINITY, f64::min);
-            let highest = stretch.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            if (highest - lowest) * joint.torque_constant_nm_per_a > held_nm {
-                found.push(from..to);
-            }
-            from = to;
-        } else {
-            from += 1;
         }
     }
     found
