@@ -1,9 +1,8 @@
 //! From a model file to the model that the board's computed torque runs with: effects folded into numbers that it has
 //! anyway where that is exact, the rest as numbers of its feedforward, and what it cannot compensate by name.
 
-use shared::arm::{Arm, Load, PARAMETERS};
-use shared::effects::{ArmEffects, Effects, ExtendedMachine, ExtendedPlant};
-use shared::plant::Plant;
+use shared::arm::{Load, PARAMETERS};
+use shared::effects::ArmEffects;
 use shared::protocol::{JointCompensation, Model as BoardModel};
 
 use crate::board_setup::{SetupError, configuration};
@@ -40,7 +39,7 @@ pub fn board_model(robot: &Robot, model: &Model) -> Result<BoardModel, SetupErro
     let all = effects::from_entries(&model.effects, robot)?;
     let pair = |values: &[f64]| -> [f64; 2] { std::array::from_fn(|joint| values.get(joint).copied().unwrap_or(0.0)) };
     let (viscous, coulomb) = (pair(&model.viscous_nm_s_per_rad), pair(&model.coulomb_nm));
-    let motor_inertia = motor_inertia_kg_m2(robot, model, all);
+    let motor_inertia = effects::motor_inertia_kg_m2(robot, model.f, all);
     let [second, third] = &all.joints;
     let torque_constant =
         |joint: usize| robot.joints[joint].torque_constant_nm_per_a * (1.0 + all.joints[joint].torque_constant_change);
@@ -114,20 +113,11 @@ fn loaded_and_leaning(mut f: [f64; PARAMETERS], effects: &ArmEffects<f64>) -> [f
     f
 }
 
-/// What the motors have of the joints' inertia, kg m² at the motors, as the plant with effects takes it.
-fn motor_inertia_kg_m2(robot: &Robot, model: &Model, effects: Effects<f64>) -> [f64; 2] {
-    let drives = [0, 1].map(|joint: usize| robot.joints[joint].drive());
-    let arm = Arm { f: model.f, gravity_m_s2: robot.gravity_m_s2 };
-    let at_joints =
-        ExtendedMachine::new(&ExtendedPlant { plant: Plant { arm, drives }, effects }).motor_inertia_kg_m2();
-    [0, 1].map(|joint: usize| at_joints[joint] / drives[joint].gear_ratio.powi(2))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::hidden_robot::HiddenRobot;
-    use shared::arm::Pose;
+    use shared::arm::{Arm, Pose};
     use shared::effects::catalogue::{LIBRARY, Scope};
 
     fn model_with(text: &str) -> (Robot, Model) {

@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use shared::arm::Arm;
 use shared::effects::catalogue::{self, Entry, LIBRARY, Parameter, Scope};
-use shared::effects::{ArmEffects, Effects};
+use shared::effects::{ArmEffects, Effects, ExtendedMachine, ExtendedPlant, JointEffects};
+use shared::plant::Plant;
 
 use crate::edit_distance::nearest;
 use crate::model::Effect;
@@ -122,13 +124,65 @@ pub enum EffectError {
     },
 }
 
+/// What a motor usually has of its joint's inertia at most. On the reference robot the usual motor is below that.
+const USUAL_MOTOR_SHARE: f64 = 0.42;
+
+/// The parameter of several effects that says how a joint's inertia is shared between motor and link.
+pub const MOTOR_INERTIA: &str = "motor_inertia_kg_m2";
+
+/// A motor's inertia this close to what was asked for is that: the rest is rounding.
+const SAME_INERTIA: f64 = 1e-6;
+
 /// Every effect of `robot` off.
 pub fn off(robot: &Robot) -> Effects<f64> {
-    match robot.kind {
-        Kind::TwoLink => {
-            Effects { arm: ArmEffects { upper_arm_m: robot.upper_arm_m, ..Effects::OFF.arm }, ..Effects::OFF }
+    if robot.kind == Kind::SingleAxis {
+        return Effects::SINGLE_AXIS;
+    }
+    let mut effects =
+        Effects { arm: ArmEffects { upper_arm_m: robot.upper_arm_m, ..Effects::OFF.arm }, ..Effects::OFF };
+    let f = robot.expected_f();
+    for ((effects, joint), whole) in effects.joints.iter_mut().zip(&robot.joints).zip([f[6], f[0]]) {
+        let most = USUAL_MOTOR_SHARE * whole / (joint.gear_ratio * joint.gear_ratio);
+        effects.motor_inertia_kg_m2 = JointEffects::OFF.motor_inertia_kg_m2.min(most);
+    }
+    effects
+}
+
+/// What the motors have of the joints' inertia, kg m² at the motors, as the plant with effects takes it on an arm of `f`:
+/// within what the links leave them.
+pub fn motor_inertia_kg_m2(robot: &Robot, f: [f64; 9], effects: Effects<f64>) -> [f64; 2] {
+    let drives = [0, 1].map(|joint: usize| robot.joints[joint].drive());
+    let arm = Arm { f, gravity_m_s2: robot.gravity_m_s2 };
+    let at_joints =
+        ExtendedMachine::new(&ExtendedPlant { plant: Plant { arm, drives }, effects }).motor_inertia_kg_m2();
+    [0, 1].map(|joint: usize| at_joints[joint] / drives[joint].gear_ratio.powi(2))
+}
+
+/// A motor's inertia that an arm does not leave its motor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotorInertiaBeyond {
+    /// Which of the entries has it.
+    pub entry: usize,
+    /// What it says, kg m² at the motor.
+    pub wanted_kg_m2: f64,
+    /// What is taken instead, kg m² at the motor.
+    pub taken_kg_m2: f64,
+}
+
+impl MotorInertiaBeyond {
+    /// Every motor's inertia in `entries` that cannot be on an arm of `f`.
+    pub fn all(entries: &[Effect], robot: &Robot, f: [f64; 9]) -> Result<Vec<Self>, EffectError> {
+        if robot.kind == Kind::SingleAxis {
+            return Ok(Vec::new());
         }
-        Kind::SingleAxis => Effects::SINGLE_AXIS,
+        let taken = motor_inertia_kg_m2(robot, f, from_entries(entries, robot)?);
+        let of_entry = |(entry, effect): (usize, &Effect)| {
+            let joint = robot.joints.iter().position(|joint| joint.name == effect.joint)?;
+            let (&wanted_kg_m2, &taken_kg_m2) = (effect.parameters.get(MOTOR_INERTIA)?, taken.get(joint)?);
+            let same = (taken_kg_m2 / wanted_kg_m2 - 1.0).abs() < SAME_INERTIA;
+            (!same).then_some(Self { entry, wanted_kg_m2, taken_kg_m2 })
+        };
+        Ok(entries.iter().enumerate().filter_map(of_entry).collect())
     }
 }
 
@@ -298,5 +352,27 @@ fn joint_index(entry: &'static Entry, joint: &str, robot: &Robot) -> Result<usiz
             .iter()
             .position(|candidate| candidate.name == joint)
             .ok_or_else(|| unknown(list(robot.joints.iter().map(|joint| joint.name.as_str())))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An arm of a thousandth of the reference robot's mass: the usual motor would have ten times its joint's inertia.
+    #[test]
+    fn a_motor_has_no_more_inertia_than_its_joint() {
+        let paper = Robot::paper();
+        assert_eq!(off(&paper).joints.map(|joint| joint.motor_inertia_kg_m2), [2e-4; 2]);
+        let f = paper.expected_f().map(|f| 1e-3 * f);
+        let light = Robot { search: f.map(|f| [f - 0.1 * f.abs(), f + 0.1 * f.abs()]), ..paper };
+        let beyond = |text: &str| MotorInertiaBeyond::all(&[parse(text).unwrap()], &light, f).unwrap();
+        assert_eq!(beyond("joint-flexibility:joint=3,compliance_rad_per_nm=1e-2"), []);
+        let [ref taken] = beyond("load-dependent-friction:joint=3,coefficient=0.1,motor_inertia_kg_m2=1e-4")[..] else {
+            panic!("the motor has more than the joint")
+        };
+        let whole = f[0] / 53.7_f64.powi(2);
+        assert!(taken.taken_kg_m2 > 0.5 * whole && taken.taken_kg_m2 < whole, "{taken:?} of {whole}");
+        assert_eq!((taken.entry, taken.wanted_kg_m2), (0, 1e-4));
     }
 }

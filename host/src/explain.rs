@@ -27,6 +27,7 @@ mod kept_thresholds;
 mod library;
 mod linear;
 mod lobes;
+mod motor_share;
 mod next;
 mod noise;
 mod nulls;
@@ -286,6 +287,7 @@ fn baseline(robot: &Robot, model: &Model, priors: bool) -> Baseline {
 /// The effects that the model came with.
 fn known_effects(robot: &Robot, model: &Model, records: usize) -> Result<Vec<Instance>, ExplainError> {
     let mut known = Vec::new();
+    let mut off = crate::effects::off(robot);
     for effect in &model.effects {
         if robot.kind == Kind::SingleAxis && effect.name == "torque-offset" {
             continue;
@@ -297,7 +299,9 @@ fn known_effects(robot: &Robot, model: &Model, records: usize) -> Result<Vec<Ins
         let values: Vec<f64> = kind
             .parameters
             .iter()
-            .map(|parameter| effect.parameters.get(parameter.name).copied().unwrap_or(parameter.usual()))
+            .map(|parameter| {
+                effect.parameters.get(parameter.name).copied().unwrap_or_else(|| *parameter.of(&mut off, joint))
+            })
             .collect();
         known.push(Instance::new(kind, joint, &values, records));
     }

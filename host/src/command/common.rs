@@ -8,10 +8,12 @@ use std::str::FromStr;
 use armid::board_setup;
 use armid::client::{Client, Pose};
 use armid::compensation;
+use armid::effects::MotorInertiaBeyond;
 use armid::hidden_robot::HiddenRobot;
 use armid::link::{self, Address, LoadChange, SimulatedBoard};
 use armid::margins::ArmLoop;
 use armid::model::{Effect, Model};
+use armid::number_text::significant;
 use armid::recording::{ReadOptions, Recording};
 use armid::robot::{Gripper, Robot};
 use armid::trajectory_file;
@@ -329,7 +331,17 @@ pub fn check_distinct<'a>(recordings: impl IntoIterator<Item = &'a PathBuf>) -> 
 /// A simulated robot with the effects of the command line.
 pub fn with_effects(hidden: HiddenRobot, effects: &[String], robot: &Robot) -> Result<HiddenRobot, CommandError> {
     let entries: Vec<Effect> = effects.iter().map(|text| armid::effects::parse(text)).collect::<Result<_, _>>()?;
-    Ok(hidden.with_effects(&entries, robot)?)
+    let hidden = hidden.with_effects(&entries, robot)?;
+    for beyond in MotorInertiaBeyond::all(&entries, robot, hidden.f)? {
+        let Effect { name, joint, .. } = &entries[beyond.entry];
+        advise(format!(
+            "joint {joint}: {name} has motor_inertia_kg_m2 = {}, but with this arm's f the motor has {:.3e} kg m²: that is \
+             what is simulated",
+            significant(beyond.wanted_kg_m2, 4),
+            beyond.taken_kg_m2
+        ));
+    }
+    Ok(hidden)
 }
 
 /// Reads the model file of a robot.

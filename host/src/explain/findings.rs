@@ -9,6 +9,7 @@ use super::decide::Case;
 use super::hypothesis::Hypothesis;
 use super::instance::Instance;
 use super::library::{LIBRARY, Role};
+use super::motor_share;
 use super::next::{NextTrajectory, next_trajectory};
 use super::report::pictures;
 use super::sentences::{place, sentences};
@@ -255,8 +256,11 @@ pub fn explanation(case: &Case, decision: &Decision, model: &Model, known: usize
             "what is left follows neither position nor speed, torque, time or the time since a reversal".into()
         });
     }
-    let extended = if named { extended(robot, case, decision, model, &errors, &error_lists) } else { model.clone() };
-    let effects = if named { found.into_iter().map(|(finding, _)| finding).collect() } else { Vec::new() };
+    let mut extended =
+        if named { extended(robot, case, decision, model, &errors, &error_lists) } else { model.clone() };
+    let mut effects: Vec<Finding> =
+        if named { found.into_iter().map(|(finding, _)| finding).collect() } else { Vec::new() };
+    sentences.extend(motor_share::told_as_taken(&mut extended, &mut effects, robot));
     Explanation {
         verdict: decision.verdict,
         effects,
