@@ -26,6 +26,7 @@ mod sensitivity;
 pub(crate) mod simulation;
 mod smoothed;
 mod stages;
+mod step;
 
 use std::path::PathBuf;
 use std::time::Instant;

@@ -12,7 +12,7 @@ use super::noise::Noise;
 use super::screen::Feature;
 
 /// How null simulations are made: another number when they are made otherwise.
-const HOW: u32 = 2;
+const HOW: u32 = 3;
 
 /// Where the scores of one set of null simulations are kept.
 pub struct Kept {

@@ -11,7 +11,6 @@ use shared::machine::{Machine, Movable};
 use shared::replay::{Course, Innovations, RecordedSample};
 
 use super::simulate::{Candidate, neutral};
-use crate::identify::experiment::INNOVATION_SUBSTEPS;
 use crate::identify::simulation::Simulation;
 use crate::identify::{Columns, Experiment, Segment};
 use crate::random::Random;
@@ -80,11 +79,11 @@ fn run<P: Movable<Number = f64>>(
     let experiment = simulation.experiment;
     let quantised = experiment.robot.quantised;
     let period_s = experiment.robot.record_period_s;
-    let settings = experiment.settings(INNOVATION_SUBSTEPS);
+    let settings = experiment.settings(experiment.innovation_substeps);
     let samples = segment.error_counts.len();
     let robot = simulation.plant.machine();
     let ticks = experiment.ticks_per_record();
-    let substeps = INNOVATION_SUBSTEPS.div_ceil(ticks);
+    let substeps = experiment.innovation_substeps.div_ceil(ticks);
     let substep_s = period_s / f64::from(ticks * substeps);
     let start = Simulation::<P>::start(&robot, segment);
     let mut laws: [LawState<f64>; 2] = simulation.laws(&robot, segment);

@@ -8,7 +8,6 @@ use shared::machine::{Machine, Movable};
 use shared::plant::Plant;
 use shared::replay::{CORRECTION_DAMPING, CORRECTION_HZ};
 
-use crate::identify::experiment::INNOVATION_SUBSTEPS;
 use crate::identify::simulation::{Motion, Simulation};
 use crate::identify::{Columns, Experiment, Segment};
 use crate::lanes::Lanes;
@@ -104,12 +103,16 @@ fn alone(experiment: &Experiment, index: usize, candidate: &Candidate) -> OfSegm
     let segment = &experiment.segments[index];
     let mut left = nothing(segment, 1);
     let mut left = left.remove(0);
-    simulation.innovations_and_motion(segment, &experiment.settings(INNOVATION_SUBSTEPS), |k, innovation, motion| {
-        for (joint, innovation) in innovation.into_iter().enumerate() {
-            left.innovations[joint].push(innovation);
-            left.current[joint].push(segment.current_a[k][joint] - motion.current_a[joint]);
-        }
-    });
+    simulation.innovations_and_motion(
+        segment,
+        &experiment.settings(experiment.innovation_substeps),
+        |k, innovation, motion| {
+            for (joint, innovation) in innovation.into_iter().enumerate() {
+                left.innovations[joint].push(innovation);
+                left.current[joint].push(segment.current_a[k][joint] - motion.current_a[joint]);
+            }
+        },
+    );
     left
 }
 
@@ -153,7 +156,7 @@ fn under_commands<P: Movable>(
     let [position_gain, velocity_gain, substep_s] = [
         2.0 * CORRECTION_DAMPING * omega * period_s,
         omega * omega * period_s,
-        period_s / f64::from(INNOVATION_SUBSTEPS),
+        period_s / f64::from(experiment.innovation_substeps),
     ]
     .map(|value| machine.number(value));
     let counts_per_rad = machine.counts_per_rad();
@@ -162,7 +165,7 @@ fn under_commands<P: Movable>(
     let mut previous =
         machine.input([machine.number(segment.command_a[0][0]), machine.number(segment.command_a[0][1])]);
     motion = machine.begun(&motion, previous);
-    let lateness = experiment.robot.command_delay_s * f64::from(INNOVATION_SUBSTEPS) / period_s;
+    let lateness = experiment.robot.command_delay_s * f64::from(experiment.innovation_substeps) / period_s;
     for k in 0..segment.error_counts.len() {
         let modelled = machine.position_counts(&motion);
         let measured = segment.measured_counts[k];
@@ -179,7 +182,7 @@ fn under_commands<P: Movable>(
         let added = segment.added_torque_nm[k];
         let added = [machine.number(added[0]), machine.number(added[1])];
         let mut late = lateness;
-        for _ in 0..INNOVATION_SUBSTEPS {
+        for _ in 0..experiment.innovation_substeps {
             let held = machine.held(machine.number(late.clamp(0.0, 1.0)), previous, input, added);
             motion = machine.step(&motion, &held, substep_s);
             late -= 1.0;

@@ -12,11 +12,9 @@ use super::followed::Followed;
 use super::low_pass::low_pass;
 use super::parameters::{Parameter, Values};
 use super::simulation::Simulation;
+use super::step;
 use crate::recording::{Manifest, Recording};
 use crate::robot::{self, Robot};
-
-/// Integration steps per record period of the innovations, the same for every candidate.
-pub(crate) const INNOVATION_SUBSTEPS: u32 = 4;
 
 /// The longest integration step of a closed loop that is judged or fitted finely.
 const FINE_STEP_S: f64 = 5e-5;
@@ -89,8 +87,8 @@ pub struct Experiment<'a> {
     /// Its recordings, cut at gaps.
     pub segments: Vec<Segment>,
     timing: SampledTiming,
-    /// Integration steps per record period of the innovations.
-    pub(super) innovation_substeps: u32,
+    /// Integration steps per record period of the innovations, the same for every candidate.
+    pub(crate) innovation_substeps: u32,
 }
 
 impl<'a> Experiment<'a> {
@@ -101,8 +99,7 @@ impl<'a> Experiment<'a> {
             loop_period_s: robot.loop_period_s,
             command_delay_s: robot.command_delay_s,
         };
-        let innovation_substeps = INNOVATION_SUBSTEPS;
-        Self { robot, segments: Vec::new(), timing, innovation_substeps }
+        Self { robot, segments: Vec::new(), timing, innovation_substeps: step::FEWEST_SUBSTEPS }
     }
 
     /// Prepares `recordings`. The commands are those recorded, or the law's on the recorded errors.
@@ -125,6 +122,7 @@ impl<'a> Experiment<'a> {
                 });
             }
         }
+        experiment.innovation_substeps = experiment.substeps_needed();
         Ok(experiment)
     }
 
@@ -326,8 +324,13 @@ impl<'a> Experiment<'a> {
 
     /// Innovations in counts, per segment and joint, at every sample.
     pub fn innovations(&self, values: &Values) -> Vec<[Vec<f64>; 2]> {
+        self.innovations_in(values, self.innovation_substeps)
+    }
+
+    /// The same in so many integration steps per record period.
+    pub(super) fn innovations_in(&self, values: &Values, substeps: u32) -> Vec<[Vec<f64>; 2]> {
         let simulation = self.simulation(values);
-        let settings = self.settings(self.innovation_substeps);
+        let settings = self.settings(substeps);
         let of = |segment: &Segment| {
             columns(segment, |push| {
                 simulation.innovations_led(segment, &settings, &values.lead, |_, innovation| push(innovation))

@@ -264,3 +264,28 @@ fn what_acts_by_weight_alone_is_not_identifiable_on_an_arm_that_feels_no_gravity
     let tracked = bench.json("track --board sim --robot flat.toml --model flat-model.toml --settle 0.5");
     assert!(numbers(&tracked["ctc"]["within_one_count"]).iter().all(|&percent| percent > 99.0), "{tracked}");
 }
+
+/// Its friction lets go of a motor within an integration step, which shows on counts as fine as these; and the shoulder
+/// moves the load of an elbow that sticks, which is no stop.
+#[test]
+fn a_small_arm_that_sticks_lacks_nothing_and_runs_into_nothing() {
+    let bench = Bench::new();
+    for (name, text) in [
+        ("robot", include_str!("desk_arm/robot.toml")),
+        ("slow", include_str!("desk_arm/slow.toml")),
+        ("fast", include_str!("desk_arm/fast.toml")),
+        ("kept", include_str!("desk_arm/kept.toml")),
+    ] {
+        std::fs::write(bench.path(&format!("{name}.toml")), text).unwrap();
+    }
+    for name in ["slow", "fast", "kept"] {
+        bench.done(&format!("simulate --robot robot.toml --seed 8 --trajectory {name}.toml --out {name}-run.csv"));
+    }
+    let explained = bench.json("explain --robot robot.toml slow-run.csv fast-run.csv --check kept-run.csv");
+    assert_eq!(explained["verdict"], "none", "{explained}");
+
+    bench.done("simulate --robot robot.toml --seed 3 --trajectory fast.toml --out sticking.csv");
+    let identified = bench.run("identify --robot robot.toml sticking.csv");
+    let told = String::from_utf8_lossy(&identified.stderr);
+    assert!(identified.status.success() && !told.contains("left out"), "{told}");
+}

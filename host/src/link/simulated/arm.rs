@@ -9,12 +9,9 @@ use shared::plant::{Plant, PreparedPlant, State};
 use crate::hidden_robot::HiddenRobot;
 use crate::robot::Robot;
 
-/// Longest step of the plant: four in a default loop period, so that the simulation is better than the models judged
-/// by it.
-const LONGEST_STEP_NS: u64 = 200_000;
-
-/// Effects need a finer step to be as good: a gap's teeth meet within one.
-const LONGEST_STEP_WITH_EFFECTS_NS: u64 = 50_000;
+/// Longest step of the plant: finer than the models judged by it need to be, for friction lets go of a motor, and a gap's
+/// teeth meet, within one.
+const LONGEST_STEP_NS: u64 = 25_000;
 
 /// The time of an arm that is not being recorded, s: before any instant and interval.
 const BEFORE_RECORDING_S: f64 = -1.0;
@@ -154,7 +151,7 @@ impl SimulatedArm {
                 }
             }
             Self::Extended(arm) => {
-                let steps = duration_ns.div_ceil(LONGEST_STEP_WITH_EFFECTS_NS);
+                let steps = duration_ns.div_ceil(LONGEST_STEP_NS);
                 let held = arm.machine.fresh(arm.input_a, added_torque_nm);
                 for _ in 0..steps {
                     arm.motion = arm.machine.step(&arm.motion, &held, duration_ns as f64 * 1e-9 / steps as f64);
