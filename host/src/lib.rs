@@ -72,8 +72,15 @@ pub mod trajectory_file;
 /// Writes a file all at once: a reader sees the old file or the new one, never half of either.
 pub use atomic::write as write_file;
 
-/// Makes sure that a file can be written, before the work whose result goes there.
+/// Makes sure that a file can be written, before the work whose result goes there, and that no other program writes it
+/// meanwhile.
 pub use atomic::check as check_output;
+
+/// Lets other programs write what [`check_output`] kept for this one; called before a program ends.
+pub use atomic::release as release_outputs;
+
+/// Files that programs left in a folder which were ended while they had a result to write: `NAME.armid.part`.
+pub use atomic::abandoned as abandoned_outputs;
 
 /// Whether something is there but neither a file nor a folder: a device, a named pipe, a terminal.
 pub use atomic::is_stream;
