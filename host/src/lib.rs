@@ -5,6 +5,7 @@
 //! link ── client ── capture, journal         bytes to a board, requests and movements, movements to recordings
 //! board_setup, compensation                  robot and model files in the protocol's terms
 //! number_text                                numbers with their significant digits
+//! shown                                      text from files as terminals and pages may show it
 //! joint_names                                the board's messages with the robot file's names of the joints
 //! firmware_image                             what may be flashed to a board
 //! effects                                    what a real arm has beyond the model, by name
@@ -65,6 +66,7 @@ pub mod report;
 pub mod rerun;
 pub mod robot;
 pub mod searchers;
+pub mod shown;
 mod toml_text;
 pub mod tracking;
 pub mod trajectory_file;
