@@ -237,7 +237,7 @@ fn comparisons_and_designed_movements_have_pages() {
     }
 
     // What the terminal shows of effects, the page does.
-    bench.done("simulate --settle 0 --effect backlash:joint=3,gap_rad=0.002 --out loose.csv --truth loose.toml");
+    bench.done("simulate --settle 0 --effect backlash:joint=3,gap_rad=0.002 --out rattling.csv --truth loose.toml");
     let compared = bench.done("compare truth.toml loose.toml --report effects.html");
     assert!(compared.contains("backlash 3 gap_rad"), "{compared}");
     let page = Page::read(&bench, "effects.html");

@@ -189,9 +189,9 @@ fn links_are_called_like_their_joints_and_the_numbers_of_old_files_are_read() {
     assert!(told.contains("inertia of link shoulder (kg m²)") && told.contains("inertia of motor elbow"), "{told}");
 
     for (wrong, parts) in [
-        (["link_sholder", "link_elbow"], ["bounds.toml:2", "`link_sholder`", "did you mean `link_shoulder`?"]),
-        (["upper", "link_elbow"], ["bounds.toml:2", "`upper`", "[link_shoulder] or [link_elbow]"]),
-        (["link1", "link_elbow"], ["bounds.toml", "one of [link_shoulder] and [link_elbow]", "like the joint"]),
+        (["link_sholder", "link_elbow"], ["wrong.toml:2", "`link_sholder`", "did you mean `link_shoulder`?"]),
+        (["upper", "link_elbow"], ["wrong.toml:2", "`upper`", "[link_shoulder] or [link_elbow]"]),
+        (["link1", "link_elbow"], ["wrong.toml", "one of [link_shoulder] and [link_elbow]", "like the joint"]),
     ] {
         std::fs::write(bench.path("wrong.toml"), bounds(wrong)).unwrap();
         bench.refused(BAD_FILE, "ranges wrong.toml --robot pendulum.toml", &parts);
