@@ -3,11 +3,16 @@
 //! A symbolic link stays, and its target is written. What is no file but a way to somewhere else, such as a device or a named
 //! pipe, is written into.
 
+mod place;
+
 use std::fs;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 use crate::file_error::FileError;
+use place::{Place, PlaceError};
+
+pub use place::{abandoned, release};
 
 /// Writes `contents` beside `path`, then renames it into place. Missing folders are made.
 pub fn write(path: &Path, contents: &[u8]) -> Result<(), FileError> {
@@ -19,7 +24,7 @@ pub fn write(path: &Path, contents: &[u8]) -> Result<(), FileError> {
 pub(crate) fn write_together<'a>(files: impl IntoIterator<Item = (&'a Path, &'a [u8])>) -> Result<(), FileError> {
     let mut waiting = Vec::new();
     for (path, contents) in files {
-        let written = Waiting::write(path, contents).map_err(|source| FileError::unwritable(path, source))?;
+        let written = Waiting::write(path, contents).map_err(|error| unwritable(path, error))?;
         waiting.push((path, written));
     }
     waiting
@@ -27,12 +32,22 @@ pub(crate) fn write_together<'a>(files: impl IntoIterator<Item = (&'a Path, &'a 
         .try_for_each(|(path, written)| written.take_place().map_err(|source| FileError::unwritable(path, source)))
 }
 
-/// Makes sure that [`write()`] will be able to write `path`, before the work whose result goes there. Missing folders are
-/// made.
+/// Makes sure that [`write()`] will be able to write `path`, before the work whose result goes there, and that until then no
+/// other program writes it. Missing folders are made.
 pub fn check(path: &Path) -> Result<(), FileError> {
     // A pipe that were opened now would be at its end for who reads it.
-    let checked = if is_stream(path) { Ok(()) } else { Waiting::write(path, &[]).map(drop) };
-    checked.map_err(|source| FileError::unwritable(path, source))
+    if is_stream(path) {
+        return Ok(());
+    }
+    let held = target(path).map_err(PlaceError::from).and_then(|file| place::hold(&file));
+    held.map_err(|error| unwritable(path, error))
+}
+
+fn unwritable(path: &Path, error: PlaceError) -> FileError {
+    match error {
+        PlaceError::Taken => FileError::being_written(path),
+        PlaceError::Io(source) => FileError::unwritable(path, source),
+    }
 }
 
 /// Whether `path` is there but neither a file nor a folder: a device, a named pipe, a terminal.
@@ -43,41 +58,26 @@ pub fn is_stream(path: &Path) -> bool {
 /// Contents that are not in their place yet.
 enum Waiting<'a> {
     /// Whole on disk, in the same folder as the file that they become; taken away if they do not.
-    Beside { temporary: PathBuf, file: PathBuf },
+    Beside { place: Place, file: PathBuf },
     /// For a stream.
     For { stream: &'a Path, contents: &'a [u8] },
 }
 
 impl<'a> Waiting<'a> {
-    fn write(path: &'a Path, contents: &'a [u8]) -> io::Result<Self> {
+    fn write(path: &'a Path, contents: &'a [u8]) -> Result<Self, PlaceError> {
         if is_stream(path) {
             return Ok(Self::For { stream: path, contents });
         }
         let file = target(path)?;
-        let waiting = Self::Beside { temporary: temporary(&file)?, file };
-        if let Self::Beside { temporary, .. } = &waiting {
-            let mut file = fs::File::create(temporary)?;
-            file.write_all(contents)?;
-            if !contents.is_empty() {
-                file.sync_all()?;
-            }
-        }
-        Ok(waiting)
+        let mut place = Place::of(&file)?;
+        place.fill(contents)?;
+        Ok(Self::Beside { place, file })
     }
 
     fn take_place(self) -> io::Result<()> {
-        match &self {
-            Self::Beside { temporary, file } => fs::rename(temporary, file),
+        match self {
+            Self::Beside { place, file } => place.become_file(&file),
             Self::For { stream, contents } => fs::File::options().write(true).open(stream)?.write_all(contents),
-        }
-    }
-}
-
-impl Drop for Waiting<'_> {
-    fn drop(&mut self) {
-        if let Self::Beside { temporary, .. } = self {
-            // It is not there any more once it has taken its place; a leftover is only untidy.
-            let _ = fs::remove_file(temporary);
         }
     }
 }
@@ -92,19 +92,4 @@ fn target(path: &Path) -> io::Result<PathBuf> {
         target = target.parent().unwrap_or(Path::new("")).join(next);
     }
     Err(io::Error::other("its symbolic links lead round in a circle"))
-}
-
-/// Where the contents of `path` stand until they are whole; in the same folder, which is made if it is missing.
-fn temporary(path: &Path) -> io::Result<PathBuf> {
-    // A path that ends in a separator names a folder, whether it exists or not; the separator is lost in `file_name`.
-    let names_folder = path.as_os_str().to_string_lossy().ends_with(std::path::is_separator);
-    let name = path.file_name().filter(|_| !names_folder && !path.is_dir());
-    let name = name.ok_or_else(|| io::Error::new(io::ErrorKind::IsADirectory, "it is a folder, not a file"))?;
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        fs::create_dir_all(folder)?;
-    }
-    // The process number keeps two runs that write the same file from sharing one temporary file.
-    let mut temporary_name = name.to_os_string();
-    temporary_name.push(format!(".{}.part", std::process::id()));
-    Ok(path.with_file_name(temporary_name))
 }

@@ -141,7 +141,10 @@ fn without_empty_board(command: clap::Command) -> clap::Command {
 
 /// Tells why a command ended without its result.
 pub fn tell(error: &CommandError) {
-    common::advise(format!("error: {}", error.message()));
+    let text = format!("error: {}", error.message());
+    // What a file says has no say in where a line ends.
+    let is_of_a_file = matches!(error, CommandError::File(_) | CommandError::Repeating(_));
+    if is_of_a_file { common::advise(text) } else { common::advise_lines(text) }
 }
 
 /// Carries out what the command line asks for.

@@ -42,6 +42,16 @@ impl FileError {
         }
     }
 
+    /// Another program is writing the file at `path`.
+    pub(crate) fn being_written(path: &Path) -> Self {
+        Self {
+            path: path.to_path_buf(),
+            line: None,
+            problem: Problem::BeingWritten,
+            remedy: "wait until that one has ended, or choose another name".into(),
+        }
+    }
+
     /// The contents meant for the file at `path` have no text: a fault of this tool.
     pub(crate) fn not_serializable(path: &Path, source: toml::ser::Error) -> Self {
         Self {
@@ -52,7 +62,7 @@ impl FileError {
 
     /// True where the fault is not in a file that was read, but in writing a result.
     pub fn is_about_output(&self) -> bool {
-        matches!(self.problem, Problem::Write(_))
+        matches!(self.problem, Problem::Write(_) | Problem::BeingWritten)
     }
 
     /// True where the file is well formed but describes something unsafe to move.
@@ -70,6 +80,9 @@ pub enum Problem {
     /// The file cannot be written.
     #[error("cannot be written: {0}")]
     Write(std::io::Error),
+    /// Another program is about to write the file.
+    #[error("is being written by another armid")]
+    BeingWritten,
     /// The file is not text in UTF-8.
     #[error("is not UTF-8 text (byte {byte})")]
     NotText {

@@ -36,11 +36,12 @@ impl<'a> Journal<'a> {
         recording.with_extension("unfinished.csv")
     }
 
-    /// Begins the journal of `recording`: manifest and header. Missing folders are made.
+    /// Begins the journal of `recording`: manifest and header, both whole on disk before the first row. Missing folders are
+    /// made.
     pub fn begin(recording: &Path, circumstances: Circumstances<'a>) -> Result<Self, FileError> {
         let path = Self::path_of(recording);
         let nothing = part(Vec::new(), &circumstances, &path);
-        nothing.begin(&path, circumstances.robot)?;
+        nothing.write(&path, circumstances.robot)?;
         let file = fs::File::options().append(true).open(&path);
         let file = file.map_err(|source| FileError::unwritable(&path, source))?;
         Ok(Self { path, file, circumstances, waiting: Vec::new(), wanted: false, failed: None })

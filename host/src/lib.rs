@@ -5,6 +5,7 @@
 //! link ── client ── capture, journal         bytes to a board, requests and movements, movements to recordings
 //! board_setup, compensation                  robot and model files in the protocol's terms
 //! number_text                                numbers with their significant digits
+//! shown                                      text from files as terminals and pages may show it
 //! joint_names                                the board's messages with the robot file's names of the joints
 //! firmware_image                             what may be flashed to a board
 //! effects                                    what a real arm has beyond the model, by name
@@ -65,6 +66,7 @@ pub mod report;
 pub mod rerun;
 pub mod robot;
 pub mod searchers;
+pub mod shown;
 mod toml_text;
 pub mod tracking;
 pub mod trajectory_file;
@@ -72,8 +74,15 @@ pub mod trajectory_file;
 /// Writes a file all at once: a reader sees the old file or the new one, never half of either.
 pub use atomic::write as write_file;
 
-/// Makes sure that a file can be written, before the work whose result goes there.
+/// Makes sure that a file can be written, before the work whose result goes there, and that no other program writes it
+/// meanwhile.
 pub use atomic::check as check_output;
+
+/// Lets other programs write what [`check_output`] kept for this one; called before a program ends.
+pub use atomic::release as release_outputs;
+
+/// Files that programs left in a folder which were ended while they had a result to write: `NAME.armid.part`.
+pub use atomic::abandoned as abandoned_outputs;
 
 /// Whether something is there but neither a file nor a folder: a device, a named pipe, a terminal.
 pub use atomic::is_stream;

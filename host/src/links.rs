@@ -7,6 +7,7 @@
 //! f7 = Jm2 k2² + Izz2 + m2 (x2² + y2²) + m3 a3² + f2      f8 = m2 y2      f9 = m2 x2 + m3 a3
 //! ```
 
+mod file;
 mod nearest;
 
 use std::path::Path;
@@ -14,12 +15,10 @@ use std::path::Path;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use shared::arm::PARAMETERS;
-use toml::Spanned;
 
-use crate::file_error::{FileError, Problem};
+use crate::file_error::FileError;
 use crate::model::Model;
 use crate::robot::Robot;
-use crate::toml_text::TomlText;
 
 pub use nearest::{Nearest, nearest};
 
@@ -42,8 +41,8 @@ pub struct LinkBounds {
     pub motor_inertia_kg_m2: Bounds,
 }
 
-/// What is known of the arm's links: index 0 is the upper arm ("link2"), 1 the forearm with all it carries ("link3").
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What is known of the arm's links: index 0 is the upper arm, 1 the forearm with all it carries.
+#[derive(Clone, Debug, PartialEq)]
 pub struct ArmBounds {
     /// Length of the upper arm, a3, in m.
     pub upper_arm_m: f64,
@@ -51,14 +50,8 @@ pub struct ArmBounds {
     pub links: [LinkBounds; 2],
     /// Gear ratios of the two motors.
     pub gear_ratios: [f64; 2],
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawBounds {
-    upper_arm_m: Spanned<f64>,
-    link2: Spanned<LinkBounds>,
-    link3: Spanned<LinkBounds>,
+    /// Names of the joints that the links turn about, which are the links' own.
+    pub joints: [String; 2],
 }
 
 /// One link with its motor.
@@ -102,33 +95,10 @@ const REFINEMENT: f64 = 0.1;
 const ROUNDING_SHARE: f64 = 1e-6;
 
 impl ArmBounds {
-    /// Reads bounds: `upper_arm_m` and the tables `[link2]` and `[link3]`, each quantity with its `[least, greatest]`.
+    /// Reads bounds: `upper_arm_m` and a table for each link, `[link_2]` and `[link_3]` where the joints are called 2 and 3;
+    /// each quantity with its `[least, greatest]`.
     pub fn read(path: &Path, robot: &Robot) -> Result<Self, FileError> {
-        let text = TomlText::read(path)?;
-        let raw: RawBounds = text.parse()?;
-        let refuse = |offset: usize, field: String, value: String, limit: &str| {
-            let problem = Problem::Value { field, value, limit: limit.into() };
-            Err(text.error(Some(offset), problem, "correct the bounds"))
-        };
-        let upper_arm_m = *raw.upper_arm_m.get_ref();
-        if !(upper_arm_m.is_finite() && upper_arm_m > 0.0) {
-            let limit = "a finite length above 0 in m";
-            return refuse(raw.upper_arm_m.span().start, "upper_arm_m".into(), upper_arm_m.to_string(), limit);
-        }
-        for (name, link) in [("link2", &raw.link2), ("link3", &raw.link3)] {
-            for (field, [low, high], least) in link.get_ref().fields() {
-                if !(low.is_finite() && high.is_finite() && least <= low && low <= high) {
-                    let limit = "[least, greatest], finite, masses above 0 and inertias 0 or above";
-                    let field = format!("{name}.{field}");
-                    return refuse(link.span().start, field, format!("[{low}, {high}]"), limit);
-                }
-            }
-        }
-        Ok(Self {
-            upper_arm_m,
-            links: [*raw.link2.get_ref(), *raw.link3.get_ref()],
-            gear_ratios: std::array::from_fn(|joint| robot.joints.get(joint).map_or(1.0, |joint| joint.gear_ratio)),
-        })
+        file::read(path, robot)
     }
 
     /// The range of each f over all links within bounds: exact, for in no f do two terms pull one quantity apart.
@@ -256,7 +226,7 @@ impl ArmBounds {
             for (name, value, [low, high], unit) in quantities {
                 let width = (high - low).max(1e-3 * high.abs().max(low.abs())).max(f64::MIN_POSITIVE);
                 let excess = (low - value).max(value - high).max(0.0) / width;
-                let quantity = format!("{name} {} ({unit})", index + 2);
+                let quantity = format!("{name} {} ({unit})", self.joints[index]);
                 excesses.push((Violation { quantity, value, bounds: [low, high] }, excess));
             }
         }
@@ -273,17 +243,6 @@ impl Link {
 }
 
 impl LinkBounds {
-    /// Names, bounds, and the least value that can be.
-    fn fields(&self) -> [(&'static str, Bounds, f64); 5] {
-        [
-            ("mass_kg", self.mass_kg, f64::MIN_POSITIVE),
-            ("centre_x_m", self.centre_x_m, f64::NEG_INFINITY),
-            ("centre_y_m", self.centre_y_m, f64::NEG_INFINITY),
-            ("inertia_kg_m2", self.inertia_kg_m2, 0.0),
-            ("motor_inertia_kg_m2", self.motor_inertia_kg_m2, 0.0),
-        ]
-    }
-
     fn about_joint(&self) -> Bounds {
         let distance2 = sum([square(self.centre_x_m), square(self.centre_y_m)]);
         sum([self.inertia_kg_m2, product(self.mass_kg, distance2)])

@@ -18,7 +18,9 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     // clap itself ends with exit code 2 on wrong usage.
-    match command::run(command::arguments()) {
+    let done = command::run(command::arguments());
+    armid::release_outputs();
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             command::tell(&error);

@@ -38,6 +38,10 @@ pub struct Question {
     /// Name of the answer: a key of the robot file, `joint1.` or `joint2.` before those of a joint, `link1.` or `link2.`
     /// before those of a link.
     pub key: String,
+    /// The same by the joint's own name, `joint_elbow.` or `link_elbow.`, as soon as it has one.
+    pub named_key: Option<String>,
+    /// Which joint or link is asked about, for people; empty where it is the robot.
+    pub whose: String,
     /// The question.
     pub text: &'static str,
     /// Unit of the answer; empty where it has none.
@@ -126,6 +130,8 @@ impl Interview {
         let step = self.step()?;
         Some(Question {
             key: step.key(),
+            named_key: step.named_key(&self.draft),
+            whose: step.whose(&self.draft),
             text: step.text,
             unit: step.unit,
             default: (step.default)(&self.draft, step.index),

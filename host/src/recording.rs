@@ -74,11 +74,6 @@ impl Recording {
         write::write(self, path, robot)
     }
 
-    /// Writes the recording to `path` to be added to, row by row: its manifest does not tell which CSV it is of.
-    pub(crate) fn begin(&self, path: &Path, robot: &Robot) -> Result<(), FileError> {
-        write::begin(self, path, robot)
-    }
-
     /// The lines of its samples as they stand in the file, to be added to one that has others already.
     pub fn rows_to_csv(&self) -> String {
         write::rows(self)

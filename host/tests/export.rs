@@ -356,6 +356,7 @@ fn bodies_keep_to_given_bounds() {
         upper_arm_m: robot.upper_arm_m,
         links: [link([8.0, 12.0], [0.05, 2.0]), link([6.0, 7.0], [0.05, 2.0])],
         gear_ratios: [107.8, -53.7],
+        joints: ["2", "3"].map(String::from),
     };
     let text = model_urdf(&model, &robot, Some(&bounds)).unwrap();
     let urdf = urdf_rs::read_from_string(&text).unwrap();

@@ -249,6 +249,15 @@ fn what_a_killed_program_recorded_is_on_disk_and_marked() {
     assert!((100..5214).contains(&recording.samples()), "{} samples", recording.samples());
     assert!(recording.manifest.as_ref().unwrap().partial.as_ref().unwrap().contains("the program ended"));
 
+    // Its manifest is whole, and one that is not is told from it.
+    let manifest = std::fs::read_to_string(left.with_extension("toml")).unwrap();
+    let cut = folder.path().join("cut.toml");
+    for lines in 0..manifest.lines().count() {
+        let first: String = manifest.lines().take(lines).map(|line| format!("{line}\n")).collect();
+        std::fs::write(&cut, first).unwrap();
+        assert!(armid::recording::Manifest::read(&cut).is_err(), "cut after line {lines}");
+    }
+
     // These rows are nowhere else: nothing writes over them but who takes them away.
     let rows = format!("{} rows", recording.samples());
     for force in ["", " --force"] {
@@ -324,8 +333,9 @@ fn a_recording_is_replaced_only_when_that_is_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let run = |arguments: &str| armid(folder.path(), arguments).output().unwrap();
     std::fs::create_dir(folder.path().join("tracked")).unwrap();
+    let old = "tick,ref2,ref3,err2,err3,cur2,cur3\n";
     for name in ["run.csv", "tracked/ctc.csv"] {
-        std::fs::write(folder.path().join(name), "precious").unwrap();
+        std::fs::write(folder.path().join(name), old).unwrap();
     }
     for command in ["record --board sim --out run.csv", "track --board sim --out tracked"] {
         let output = run(command);
@@ -337,11 +347,26 @@ fn a_recording_is_replaced_only_when_that_is_asked_for() {
         );
     }
     for name in ["run.csv", "tracked/ctc.csv"] {
+        assert_eq!(std::fs::read(folder.path().join(name)).unwrap(), old.as_bytes(), "{name}");
+        std::fs::write(folder.path().join(name), "precious").unwrap();
+    }
+    // What is no recording goes for nobody's asking.
+    for command in ["record --board sim --out run.csv", "simulate --out run.csv", "track --board sim --out tracked"] {
+        let output = run(&format!("{command} --settle 0 --force"));
+        assert_eq!(output.status.code(), Some(USAGE), "{command}: {}", text(&output));
+        let told = "is no file that armid knows as a recording and would be overwritten by a recording";
+        assert!(text(&output).contains(told), "{command}: {}", text(&output));
+    }
+    for name in ["run.csv", "tracked/ctc.csv"] {
         assert_eq!(std::fs::read(folder.path().join(name)).unwrap(), b"precious", "{name}");
     }
-    let output = run("record --board sim --settle 0 --out run.csv --force");
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output));
-    assert_eq!(read(&folder.path().join("run.csv")).samples(), 5214);
+    std::fs::remove_file(folder.path().join("run.csv")).unwrap();
+    for seed in [1, 2] {
+        let output = run(&format!("record --board sim --seed {seed} --settle 0 --out run.csv --force"));
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output));
+    }
+    let recording = read(&folder.path().join("run.csv"));
+    assert_eq!((recording.samples(), recording.manifest.unwrap().seed), (5214, Some(2)));
 }
 
 #[test]

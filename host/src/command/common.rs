@@ -16,6 +16,7 @@ use armid::model::{Effect, Model};
 use armid::number_text::significant;
 use armid::recording::{ReadOptions, Recording};
 use armid::robot::{Gripper, Robot};
+use armid::shown;
 use armid::trajectory_file;
 use clap::Args;
 use shared::protocol::Configuration;
@@ -398,10 +399,14 @@ pub fn cache_folder(given: Option<&OsStr>) -> Option<PathBuf> {
     }
 }
 
-/// Writes a result to stdout. A reader that closed the pipe has what it wanted.
+/// Writes a result to stdout, as [`shown`] lets it be seen. A reader that closed the pipe has what it wanted.
 pub fn print(text: impl AsRef<str>) -> Result<(), CommandError> {
+    print_as_it_is(&shown::lines(text.as_ref()))
+}
+
+fn print_as_it_is(text: &str) -> Result<(), CommandError> {
     let mut stdout = std::io::stdout().lock();
-    match writeln!(stdout, "{}", text.as_ref().trim_end()).and_then(|()| stdout.flush()) {
+    match writeln!(stdout, "{}", text.trim_end()).and_then(|()| stdout.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(CommandError::Output(error)),
         _ => Ok(()),
     }
@@ -409,10 +414,15 @@ pub fn print(text: impl AsRef<str>) -> Result<(), CommandError> {
 
 /// Writes one JSON object to stdout.
 pub fn print_json(value: &serde_json::Value) -> Result<(), CommandError> {
-    print(value.to_string())
+    print_as_it_is(&shown::json(&value.to_string()))
 }
 
-/// Writes advice to stderr. Nothing ends because nobody can be told.
+/// Writes advice to stderr, on one line. Nothing ends because nobody can be told.
 pub fn advise(text: impl AsRef<str>) {
-    let _ = writeln!(std::io::stderr(), "{}", text.as_ref());
+    let _ = writeln!(std::io::stderr(), "{}", shown::line(text.as_ref()));
+}
+
+/// [`advise`] on as many lines as the text has.
+pub fn advise_lines(text: impl AsRef<str>) {
+    let _ = writeln!(std::io::stderr(), "{}", shown::lines(text.as_ref()));
 }

@@ -78,11 +78,14 @@ impl Common {
         let paths: Vec<PathBuf> = files.iter().map(|name| self.out.join(name)).collect();
         self.report.check(paths.iter().map(PathBuf::as_path), [])?;
         let own = self.out.join(OWN_FILES);
+        armid::check_output(&own)?;
         let mut names: BTreeSet<String> =
             std::fs::read_to_string(&own).unwrap_or_default().lines().map(str::to_string).collect();
         let sidecars = files.iter().filter_map(|name| Some(format!("{}.toml", name.strip_suffix(".csv")?)));
         for name in files.iter().map(|name| name.to_string()).chain(sidecars) {
             let path = self.out.join(&name);
+            // Each until it is written: two demonstrations in one folder would mix their files.
+            armid::check_output(&path)?;
             if names.insert(name) && path.exists() {
                 return Err(CommandError::Usage(format!(
                     "{} exists and was written by no demonstration; choose another --out, or move it away",

@@ -49,6 +49,7 @@ impl Doctor {
         let mut findings =
             vec![Finding::ok("version", format!("{}, protocol {PROTOCOL_VERSION}", armid::TOOL_VERSION))];
         findings.extend(computer.check(cache_folder(self.cache.as_deref()).as_deref()));
+        findings.extend(abandoned_outputs());
         findings.extend(self.robot_file());
         let board = self.board.clone().or_else(|| (computer.usable_boards() > 0).then_some(Address::ANY_USB));
         if let Some(address) = board {
@@ -70,10 +71,21 @@ impl Doctor {
     fn robot_file(&self) -> Option<Finding> {
         let path = self.robot.robot.as_ref()?;
         Some(match Robot::read_for_motion(path) {
-            Ok(robot) => Finding::ok("robot file", format!("{}: \"{}\" can be moved", path.display(), robot.name)),
+            Ok(robot) => Finding::ok("robot file", format!("{}: {:?} can be moved", path.display(), robot.name)),
             Err(error) => Finding::not_ok(State::Fail, "robot file", error.to_string(), "correct the robot file"),
         })
     }
+}
+
+/// What programs left in the current folder that were ended before they had written their result.
+fn abandoned_outputs() -> Option<Finding> {
+    let left: Vec<String> = armid::abandoned_outputs(".".as_ref())
+        .iter()
+        .filter_map(|path| Some(path.file_name()?.display().to_string()))
+        .collect();
+    let remedy = "delete them; a program that writes the file of that name takes its leftover away as well";
+    let found = || format!("left in this folder by programs that were ended: {}", left.join(", "));
+    (!left.is_empty()).then(|| Finding::not_ok(State::Warn, "unfinished results", found(), remedy))
 }
 
 fn line(finding: &Finding) -> String {

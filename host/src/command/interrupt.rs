@@ -44,7 +44,10 @@ pub fn watch(advice: &'static [&'static str]) -> Interrupt {
         let handler = move |by: AskedBy| {
             let asked = counted.ask(by) as usize;
             match answer(&PHASE, advice, asked) {
-                Answer::End => std::process::exit(by.exit_code().into()),
+                Answer::End => {
+                    armid::release_outputs();
+                    std::process::exit(by.exit_code().into());
+                }
                 Answer::GoOn(told) => told.into_iter().for_each(advise),
             }
         };

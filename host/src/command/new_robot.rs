@@ -22,7 +22,8 @@ Examples:
   armid new-robot --example direct-drive-double-pendulum --out robot.toml
   armid new-robot --list                            every question with its key, for --answers and --set
   armid new-robot --answers answers.toml --set upper_arm_m=0.35 --defaults --out robot.toml
-where answers.toml has lines such as: name = \"my arm\" and joint1.gear_ratio = 50";
+where answers.toml has lines such as: name = \"my arm\" and joint1.gear_ratio = 50. Joints and links count from 1; once a joint
+has its name, joint_NAME and link_NAME mean the same.";
 
 /// Arguments of `new-robot`.
 #[derive(Debug, Args)]
@@ -102,7 +103,7 @@ impl NewRobot {
         let asks = !self.defaults && (self.ask || std::io::stdin().is_terminal());
         let mut missing = Vec::new();
         while let Some(question) = interview.question() {
-            if let Some(answer) = given.remove(&question.key) {
+            if let Some(answer) = take(given, &question) {
                 match interview.answer(&answer) {
                     Ok(()) => {}
                     // What it is wrong with may be what stands for a missing answer: those are told first.
@@ -134,7 +135,7 @@ impl NewRobot {
         let mut interview = Interview::new();
         let mut questions = Vec::new();
         while let Some(question) = interview.question() {
-            match given.remove(&question.key) {
+            match take(given, &question) {
                 Some(answer) => {
                     interview.answer(&answer).map_err(|error| CommandError::Usage(error.to_string()))?;
                 }
@@ -162,18 +163,24 @@ impl NewRobot {
         if self.json {
             return print_json(&json!({"robot": robot.name, "out": out}));
         }
-        print(format!("{}: \"{}\"", out.display(), robot.name))
+        print(format!("{}: {:?}", out.display(), robot.name))
     }
+}
+
+/// The answer that was given to a question, by either name of it.
+fn take(given: &mut BTreeMap<String, String>, question: &Question) -> Option<String> {
+    given.remove(&question.key).or_else(|| given.remove(question.named_key.as_ref()?))
 }
 
 /// Asks until there is an answer that can be.
 fn ask(interview: &mut Interview, question: &Question) -> Result<(), CommandError> {
     let unit = if question.unit.is_empty() { String::new() } else { format!(", {}", question.unit) };
     let default = question.default.as_ref().map(|default| format!(" [{default}]")).unwrap_or_default();
+    let whose = if question.whose.is_empty() { String::new() } else { format!("({}) ", question.whose) };
     loop {
         // What is asked must be seen before the answer is waited for; a stderr that is closed shows nothing anyway.
         let mut stderr = std::io::stderr();
-        let _ = write!(stderr, "{}{unit}{default}: ", question.text).and_then(|()| stderr.flush());
+        let _ = write!(stderr, "{whose}{}{unit}{default}: ", question.text).and_then(|()| stderr.flush());
         let mut line = String::new();
         let read = std::io::stdin().lock().read_line(&mut line);
         if !read.is_ok_and(|bytes| bytes > 0) {

@@ -166,7 +166,8 @@ impl Existing {
     }
 }
 
-/// A recording about to be written and its sidecar, neither of which may replace a file of another kind.
+/// A recording about to be written and its sidecar, neither of which may replace a file of another kind, whatever was asked
+/// for.
 pub fn check_recording_outputs<'a>(
     recording: &Path,
     existing: Existing,
@@ -193,6 +194,7 @@ pub fn check_recording_outputs<'a>(
             other.display()
         ));
     }
+    check_kind(recording, FileKind::Recording)?;
     if existing == Existing::Replace {
         return Ok(());
     }

@@ -15,7 +15,7 @@ pub fn bar(label: &str, total: u64) -> ProgressBar {
     if let Ok(style) = ProgressStyle::with_template("{prefix:28} {bar:30} {pos}/{len} {msg} [{elapsed}, {eta} left]") {
         bar.set_style(style);
     }
-    bar.set_prefix(label.to_string());
+    bar.set_prefix(armid::shown::line(label));
     bar
 }
 

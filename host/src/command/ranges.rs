@@ -20,8 +20,9 @@ const EXAMPLES: &str = "Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Ranges {
-    /// Bounds on masses, centres and inertias: upper_arm_m, and in [link2] and [link3] mass_kg, centre_x_m, centre_y_m,
-    /// inertia_kg_m2 (about the centre of mass) and motor_inertia_kg_m2, each [LEAST, GREATEST]
+    /// Bounds on masses, centres and inertias: upper_arm_m, and for each link a table called like its joint, [link_2] and
+    /// [link_3] for joints 2 and 3, with mass_kg, centre_x_m, centre_y_m, inertia_kg_m2 (about the centre of mass) and
+    /// motor_inertia_kg_m2, each [LEAST, GREATEST]
     #[arg(value_name = "BOUNDS")]
     bounds: PathBuf,
     #[command(flatten)]

@@ -47,8 +47,8 @@ pub enum BodiesError {
          inertia_kg_m2 a least value above 0 in the bounds"
     )]
     NoInertia {
-        /// "2" or "3".
-        link: usize,
+        /// Name of the joint that it turns about.
+        link: String,
         /// What it would be.
         inertia_kg_m2: f64,
     },
@@ -59,7 +59,7 @@ pub fn bodies(model: &Model, robot: &Robot, bounds: Option<&ArmBounds>) -> Resul
     if robot.kind == Kind::SingleAxis {
         return Err(BodiesError::SingleAxis);
     }
-    let within = bounds.copied().unwrap_or_else(|| anything_real(model, robot));
+    let within = bounds.cloned().unwrap_or_else(|| anything_real(model, robot));
     let information = information(model);
     let links_with = |f: &[f64; PARAMETERS]| match bounds {
         Some(bounds) => bounds.links_of(f),
@@ -78,7 +78,7 @@ pub fn bodies(model: &Model, robot: &Robot, bounds: Option<&ArmBounds>) -> Resul
     for (index, link) in links.iter().enumerate() {
         let inertia_kg_m2 = link.inertia_kg_m2;
         if !(inertia_kg_m2 > 0.0 && inertia_kg_m2.is_finite()) {
-            return Err(BodiesError::NoInertia { link: index + 2, inertia_kg_m2 });
+            return Err(BodiesError::NoInertia { link: within.joints[index].clone(), inertia_kg_m2 });
         }
     }
     let f = within.f(&links);
@@ -114,7 +114,9 @@ fn anything_real(model: &Model, robot: &Robot) -> ArmBounds {
         inertia_kg_m2: [LEAST_INERTIA_SHARE * model.f[0], 10.0 * model.f[6]],
         motor_inertia_kg_m2: [0.0, 2.0 * model.f[0].max(model.f[6]) / gear_ratios[joint].powi(2)],
     };
-    ArmBounds { upper_arm_m, links: [link(0), link(1)], gear_ratios }
+    let joints =
+        std::array::from_fn(|joint| robot.joints.get(joint).map_or_else(String::new, |joint| joint.name.clone()));
+    ArmBounds { upper_arm_m, links: [link(0), link(1)], gear_ratios, joints }
 }
 
 /// Of the links that give `f`, those most like uniform rods, motor 2 being like motor 3.

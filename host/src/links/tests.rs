@@ -24,6 +24,7 @@ fn bounds(upper_arm_m: f64) -> ArmBounds {
             },
         ],
         gear_ratios: [107.8, -53.7],
+        joints: ["2", "3"].map(String::from),
     }
 }
 

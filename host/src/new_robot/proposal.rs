@@ -37,6 +37,7 @@ pub(super) fn search(robot: &Robot, links: &[Link; 2]) -> [[f64; 2]; 9] {
             }
         }),
         gear_ratios: [first.gear_ratio, second.gear_ratio],
+        joints: [first.name.clone(), second.name.clone()],
     };
     let expected = bounds.f(links);
     let ranges = bounds.ranges();

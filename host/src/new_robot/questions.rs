@@ -38,6 +38,27 @@ impl Step {
         if self.of.is_empty() { self.field.into() } else { format!("{}{}.{}", self.of, self.index + 1, self.field) }
     }
 
+    /// Name of the joint that the answer is about, once it was asked for.
+    fn joint_name<'a>(&self, draft: &'a Draft) -> Option<&'a str> {
+        let is_named = !self.of.is_empty() && self.field != "name";
+        draft.robot.joints.get(self.index).filter(|_| is_named).map(|joint| joint.name.as_str())
+    }
+
+    /// Name of the answer by the joint's own name.
+    pub fn named_key(&self, draft: &Draft) -> Option<String> {
+        self.joint_name(draft).map(|name| format!("{}_{name}.{}", self.of, self.field))
+    }
+
+    /// Which joint or link is asked about.
+    pub fn whose(&self, draft: &Draft) -> String {
+        match (self.of, self.joint_name(draft)) {
+            ("", _) => String::new(),
+            ("link", Some(name)) => format!("link of joint {name}"),
+            (_, Some(name)) => format!("joint {name}"),
+            (_, None) => format!("joint no. {}", self.index + 1),
+        }
+    }
+
     /// The joint, if it is a joint's value.
     pub fn joint(&self) -> Option<usize> {
         (self.of == "joint").then_some(self.index)

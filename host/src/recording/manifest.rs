@@ -33,8 +33,9 @@ impl std::fmt::Display for Mode {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// Rows of the CSV that the manifest was written with. Only in files, first of all keys, and [`Self::csv`] last: a
-    /// manifest that was cut off has one without the other, and one without both goes with any CSV.
+    /// Rows of the CSV that the manifest was written with; 0 where rows were to come, as in a journal. Only in files, first of
+    /// all keys, and [`Self::csv`] last: a manifest that was cut off has one without the other, and one without both goes with
+    /// any CSV.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows: Option<usize>,
     /// Which controller ran.
@@ -231,7 +232,8 @@ impl Manifest {
         (rows, csv): (usize, &[u8]),
         gaps: bool,
     ) -> Result<Option<String>, FileError> {
-        let (Some(stated_rows), Some(stated)) = (self.rows, &self.csv) else { return Ok(None) };
+        // No recording is written without a row: a manifest of none is older than the rows.
+        let (Some(stated_rows @ 1..), Some(stated)) = (self.rows, &self.csv) else { return Ok(None) };
         let found = ManifestCsv::of(csv);
         if stated_rows == rows && *stated == found {
             return Ok(None);
@@ -255,11 +257,9 @@ impl Manifest {
         })
     }
 
-    /// The text of a sidecar; with `csv`, that of the CSV of so many rows and these bytes alone.
-    pub(crate) fn to_toml(&self, csv: Option<(usize, &[u8])>) -> Result<String, toml::ser::Error> {
-        let written_with = csv.map(|(rows, csv)| (rows, ManifestCsv::of(csv)));
-        let (rows, csv) = written_with.unzip();
-        toml::to_string(&Self { rows, csv, ..self.clone() })
+    /// The text of the sidecar of a CSV of so many rows and these bytes.
+    pub(crate) fn to_toml(&self, rows: usize, csv: &[u8]) -> Result<String, toml::ser::Error> {
+        toml::to_string(&Self { rows: Some(rows), csv: Some(ManifestCsv::of(csv)), ..self.clone() })
     }
 }
 

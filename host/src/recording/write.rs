@@ -15,19 +15,9 @@ pub(super) fn write(recording: &Recording, path: &Path, robot: &Robot) -> Result
         return atomic::write(path, csv.as_bytes());
     };
     let manifest_path = Recording::manifest_path(path);
-    let text = manifest.to_toml(Some((recording.samples(), csv.as_bytes())));
+    let text = manifest.to_toml(recording.samples(), csv.as_bytes());
     let text = text.map_err(|error| FileError::not_serializable(&manifest_path, error))?;
     atomic::write_together([(manifest_path.as_path(), text.as_bytes()), (path, csv.as_bytes())])
-}
-
-/// Writes the recording with a manifest that goes with the rows to come.
-pub(super) fn begin(recording: &Recording, path: &Path, robot: &Robot) -> Result<(), FileError> {
-    if let Some(manifest) = &recording.manifest {
-        let manifest_path = Recording::manifest_path(path);
-        let text = manifest.to_toml(None).map_err(|error| FileError::not_serializable(&manifest_path, error))?;
-        atomic::write(&manifest_path, text.as_bytes())?;
-    }
-    atomic::write(path, to_csv(recording, robot).as_bytes())
 }
 
 /// The file's text. Numbers are written with the fewest digits that read back the same.

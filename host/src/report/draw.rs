@@ -63,7 +63,7 @@ pub fn sheet(title: &str, pictures: &[Picture], columns: usize, size: (u32, u32)
 
 fn finished(drawn: Drawn, title: &str, svg: String) -> Result<String, PictureError> {
     drawn.map_err(|error| PictureError { title: title.into(), reason: error.to_string() })?;
-    Ok(svg)
+    Ok(crate::shown::lines(&svg))
 }
 
 /// Draws one pair of axes with everything between them.

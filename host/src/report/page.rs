@@ -5,6 +5,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use super::draw::{self, PictureError};
 use super::picture::Picture;
 use super::table::Table;
+use crate::shown;
 
 /// The style sheet: themes, pictures that follow them, phones, paper.
 const STYLE: &str = include_str!("style.css");
@@ -157,7 +158,7 @@ impl Page {
                 }
             }
         };
-        Ok(page.into_string())
+        Ok(shown::lines(&page.into_string()))
     }
 }
 

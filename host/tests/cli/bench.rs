@@ -105,3 +105,14 @@ pub fn without_checksum(manifest: &str) -> String {
 pub fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
 }
+
+/// Bounds on the links of an arm, in tables of these names: upper arm and forearm.
+pub fn bounds([upper, fore]: [&str; 2]) -> String {
+    let link = |name: &str, mass_kg: &str| {
+        format!(
+            "[{name}]\nmass_kg = {mass_kg}\ncentre_x_m = [-0.5, 0.5]\ncentre_y_m = [-0.5, 0.5]\ninertia_kg_m2 = [0.01, 1]\n\
+             motor_inertia_kg_m2 = [1e-5, 1e-3]\n"
+        )
+    };
+    format!("upper_arm_m = 0.35\n{}{}", link(upper, "[1, 20]"), link(fore, "[9, 10]"))
+}

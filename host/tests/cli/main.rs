@@ -8,6 +8,7 @@ mod doctor;
 mod documentation;
 mod effects;
 mod export;
+mod hostile;
 mod load;
 mod outputs;
 mod page;

@@ -1,6 +1,9 @@
 //! What results are written over, and what they leave alone.
 
-use crate::bench::{Bench, USAGE};
+use std::io::{Read as _, Write as _};
+use std::process::{Child, Stdio};
+
+use crate::bench::{Bench, FAILED, USAGE};
 
 fn read(bench: &Bench, name: &str) -> Vec<u8> {
     std::fs::read(bench.path(name)).unwrap()
@@ -100,6 +103,72 @@ fn a_demonstration_replaces_only_what_one_wrote() {
     std::fs::write(bench.path("mine/load.svg"), "precious").unwrap();
     bench.refused(USAGE, "demo load --out mine", &["load.svg", "was written by no demonstration"]);
     bench.done("demo --out mine");
+}
+
+/// A program that is about to write a robot file to `out`, and waits for an answer until then.
+fn waiting(bench: &Bench, out: &str) -> Child {
+    let mut command = bench.command(&format!("new-robot --ask --set kind=two-link --out {out}"));
+    let mut child = command.stdin(Stdio::piped()).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    // Once it asks, it has made sure of its output.
+    let mut question = [0; 12];
+    child.stderr.as_mut().unwrap().read_exact(&mut question).unwrap();
+    assert_eq!(&question, b"What is the ");
+    child
+}
+
+#[test]
+fn of_two_programs_that_write_one_file_the_second_is_refused() {
+    let bench = Bench::new();
+    let mut first = waiting(&bench, "arm.toml");
+    let parts = ["arm.toml: is being written by another armid", "wait until", "another name"];
+    for command in ["new-robot --example emps --out ./arm.toml", "simulate --settle 0 --out arm.csv"] {
+        bench.refused(FAILED, command, &parts);
+    }
+    assert!(!bench.path("arm.csv").exists() && !bench.path("arm.toml").exists());
+    // Another file in the same folder is nobody else's.
+    bench.done("new-robot --example emps --out other.toml");
+    // The first comes to its end as if nothing had been.
+    let answers = ["arm", "", "", "", "", "0.35"].map(str::to_string).to_vec();
+    let joint = |name: &str| {
+        [name, "1", "65536", "2", "12", "", "0.02", "", "-1.9", "0.4", "6", "40"].map(str::to_string).to_vec()
+    };
+    let link = ["1", "0.1", "0", "0.06", "0.004"].map(str::to_string).to_vec();
+    let loops = vec![String::new(); 4];
+    let all = [answers, joint("a"), joint("b"), link.clone(), link, loops].concat().join("\n") + "\n";
+    first.stdin.take().unwrap().write_all(all.as_bytes()).unwrap();
+    let output = first.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(armid::robot::Robot::read(&bench.path("arm.toml")).unwrap().name, "arm");
+    bench.done("new-robot --example emps --out arm.toml --force");
+    let parts = std::fs::read_dir(bench.path("")).unwrap();
+    let left = parts.filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().ends_with(".part"));
+    assert_eq!(left.count(), 0, "something was left behind");
+}
+
+#[test]
+fn what_a_killed_program_left_is_told_and_blocks_nobody() {
+    let bench = Bench::new();
+    std::fs::create_dir(bench.path("root")).unwrap();
+    let mut killed = waiting(&bench, "arm.toml");
+    let part = bench.path("arm.toml.armid.part");
+    let doctor = || bench.done("doctor --root root");
+    assert!(part.exists() && !doctor().contains("arm.toml.armid.part"), "it is in use");
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    let told = doctor();
+    assert!(told.contains("warn  unfinished results: ") && told.contains("arm.toml.armid.part"), "{told}");
+    bench.done("new-robot --example emps --out arm.toml");
+    assert!(!part.exists() && !doctor().contains("unfinished"));
+}
+
+#[test]
+fn demonstrations_do_not_mix_in_one_folder() {
+    let bench = Bench::new();
+    let mut first = waiting(&bench, "shown/track-ctc.csv");
+    bench.refused(FAILED, "demo --out shown", &["shown/track-ctc.csv: is being written by another armid"]);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    assert!(!bench.path("shown/robot.toml").exists());
 }
 
 #[cfg(unix)]

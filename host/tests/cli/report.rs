@@ -236,6 +236,15 @@ fn comparisons_and_designed_movements_have_pages() {
         assert_eq!(page.column("Parameters", 0, 1 + 2 * index), all(&model["parameters"], "value"));
     }
 
+    // What the terminal shows of effects, the page does.
+    bench.done("simulate --settle 0 --effect backlash:joint=3,gap_rad=0.002 --out rattling.csv --truth loose.toml");
+    let compared = bench.done("compare truth.toml loose.toml --report effects.html");
+    assert!(compared.contains("backlash 3 gap_rad"), "{compared}");
+    let page = Page::read(&bench, "effects.html");
+    page.expect_sections(&["Parameters", "Effects", "Provenance"]);
+    let effect = ["backlash", "3", "gap_rad", "–", "–", "0.002", "–"].map(String::from).to_vec();
+    assert!(page.table("Effects", 0).contains(&effect), "{:?}", page.table("Effects", 0));
+
     let designed = bench.json("excite --generations 2 --duration 4 --report movement.html");
     let page = Page::read(&bench, "movement.html");
     page.expect_sections(&["Predicted standard errors", "Movement", "Margins", "Provenance"]);

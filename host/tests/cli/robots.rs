@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use armid::robot::Robot;
 
-use crate::bench::{BAD_FILE, Bench, FAILED, UNSAFE, USAGE, numbers};
+use crate::bench::{BAD_FILE, Bench, FAILED, UNSAFE, USAGE, bounds, numbers};
 
 /// What a maker would write down of the example's double pendulum.
 const ANSWERS: &str = r#"
@@ -58,6 +58,13 @@ fn answers_from_a_file_make_a_robot_that_moves() {
     assert!(recorded.to_string().contains("moved.csv"), "{recorded}");
     // What is there stays.
     bench.refused(USAGE, "new-robot --answers answers.toml --defaults --out new.toml", &["new.toml exists", "--force"]);
+    // A link is called like its joint, or counted.
+    let named = ANSWERS.replace("[link1]", "[link_shoulder]").replace("[link2]", "[link_elbow]");
+    std::fs::write(bench.path("answers.toml"), named).unwrap();
+    let with = "new-robot --answers answers.toml --defaults --set joint_shoulder.coulomb_friction_nm=0.03";
+    bench.done(&format!("{with} --out named.toml"));
+    assert_eq!(Robot::read(&bench.path("named.toml")).unwrap(), robot);
+    bench.refused(USAGE, &format!("{with} --set link_wrist.mass_kg=1"), &["link_wrist.mass_kg is asked of no robot"]);
 }
 
 #[test]
@@ -99,7 +106,11 @@ fn whoever_answers_is_told_what_is_wrong_and_asked_again() {
     let output = asked.wait_with_output().unwrap();
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{stderr}");
-    for part in ["Gravity in the arm's plane, m/s² [9.81]: ", "upper_arm_m is -1, but must be 0.001 to 100 m"] {
+    for part in [
+        "Gravity in the arm's plane, m/s² [9.81]: ",
+        "upper_arm_m is -1, but must be 0.001 to 100 m",
+        "(joint elbow) Current at full scale of the board's converters, A [15]: ",
+    ] {
         assert!(stderr.contains(part), "no {part:?} in {stderr}");
     }
     assert_eq!(stderr.matches("Length of the upper arm").count(), 2, "{stderr}");
@@ -156,6 +167,38 @@ fn a_direct_drive_double_pendulum_is_recorded_identified_and_tracked() {
     // What leaves the chain for a simulator is this arm.
     let urdf = bench.done("export model.toml --robot pendulum.toml --format urdf");
     assert!(urdf.contains("<origin xyz=\"0.35 0 0\"/>") && urdf.contains("link_elbow"), "{urdf}");
+}
+
+#[test]
+fn links_are_called_like_their_joints_and_the_numbers_of_old_files_are_read() {
+    let bench = Bench::new();
+    bench.done("new-robot --example direct-drive-double-pendulum --out pendulum.toml");
+    bench.done("simulate --robot pendulum.toml --seed 7 --period 5 --settle 0 --out run.csv --truth model.toml");
+    let ranges = |names: [&str; 2]| {
+        std::fs::write(bench.path("bounds.toml"), bounds(names)).unwrap();
+        bench.done("ranges bounds.toml --robot pendulum.toml")
+    };
+    let named = ranges(["link_shoulder", "link_elbow"]);
+    // As new-robot counts them, and as the paper numbers those of the PUMA.
+    for old in [["link1", "link2"], ["link2", "link3"]] {
+        assert_eq!(ranges(old), named, "{old:?}");
+    }
+    assert_ne!(ranges(["link_elbow", "link_shoulder"]), named);
+    std::fs::write(bench.path("bounds.toml"), bounds(["link_shoulder", "link_elbow"])).unwrap();
+    let told = bench.done("ranges bounds.toml --robot pendulum.toml --check model.toml");
+    assert!(told.contains("inertia of link shoulder (kg m²)") && told.contains("inertia of motor elbow"), "{told}");
+
+    for (wrong, parts) in [
+        (["link_sholder", "link_elbow"], ["wrong.toml:2", "`link_sholder`", "did you mean `link_shoulder`?"]),
+        (["upper", "link_elbow"], ["wrong.toml:2", "`upper`", "[link_shoulder] or [link_elbow]"]),
+        (["link1", "link_elbow"], ["wrong.toml", "one of [link_shoulder] and [link_elbow]", "like the joint"]),
+    ] {
+        std::fs::write(bench.path("wrong.toml"), bounds(wrong)).unwrap();
+        bench.refused(BAD_FILE, "ranges wrong.toml --robot pendulum.toml", &parts);
+    }
+    let misspelt = bounds(["link_2", "link_3"]).replace("upper_arm_m", "uper_arm_m");
+    std::fs::write(bench.path("wrong.toml"), misspelt).unwrap();
+    bench.refused(BAD_FILE, "ranges wrong.toml", &["wrong.toml:1", "did you mean `upper_arm_m`?"]);
 }
 
 /// What stopped a movement is told, and noted in the manifest, with the names of the robot file. The first joint has the

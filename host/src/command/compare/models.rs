@@ -98,7 +98,7 @@ pub fn in_standard_errors(first: &Entry, entry: &Entry) -> Option<f64> {
 }
 
 /// Every parameter of an effect that any of the models has: effect, joint and parameter.
-fn effect_parameters(compared: &[Compared]) -> Vec<(String, String, String)> {
+pub fn effect_parameters(compared: &[Compared]) -> Vec<(String, String, String)> {
     let mut all = Vec::new();
     for effect in compared.iter().flat_map(|one| &one.model.effects) {
         for parameter in effect.parameters.keys() {
@@ -112,7 +112,7 @@ fn effect_parameters(compared: &[Compared]) -> Vec<(String, String, String)> {
 }
 
 /// A parameter of an effect and its standard error; nothing where the model has no such effect.
-fn effect_parameter(
+pub fn effect_parameter(
     model: &Model,
     (effect, joint, parameter): &(String, String, String),
 ) -> Option<(f64, Option<f64>)> {

@@ -9,7 +9,7 @@ use armid::report::{Cell, Content, FileRole, Ink, Interval, Intervals, Page, Pic
 use armid::robot::Robot;
 
 use super::super::CommandError;
-use super::super::compare::models::{Compared, Entry, in_standard_errors};
+use super::super::compare::models::{Compared, Entry, effect_parameter, effect_parameters, in_standard_errors};
 use super::super::compare::recordings::{Difference, pictures};
 use super::identify::repeated;
 use super::per_joint;
@@ -23,6 +23,7 @@ pub fn of_models(
 ) -> Result<Page, CommandError> {
     let names: Vec<String> = compared.iter().map(|one| one.path.display().to_string()).collect();
     let mut sections = vec![values(compared, &names)];
+    sections.extend(effects(compared, &names));
     if let Some(gaps) = gaps(robot, compared, &names) {
         sections.push(gaps);
     }
@@ -81,6 +82,26 @@ fn values(compared: &[Compared], names: &[String]) -> Section {
         f..compared[0].entries.len(),
     )]);
     Section::new("Parameters").table(table).pictures(pictures.flatten().collect())
+}
+
+/// What the models have beyond f and friction, parameter by parameter; nothing where none has anything.
+fn effects(compared: &[Compared], names: &[String]) -> Option<Section> {
+    let mut headings = ["effect", "joint", "parameter"].map(String::from).to_vec();
+    headings.extend(names.iter().enumerate().flat_map(|(index, name)| [name.clone(), format!("± ({})", index + 1)]));
+    let mut table = Table { headings, rows: Vec::new() };
+    for parameter in effect_parameters(compared) {
+        let found = compared.iter().map(|one| effect_parameter(&one.model, &parameter));
+        let of_models: Vec<Cell> = found
+            .flat_map(|found| {
+                let error = found.and_then(|(_, error)| error);
+                let value = found.map(|(value, _)| value);
+                [Cell::optional(value, Cell::significant), Cell::optional(error, Cell::scientific)]
+            })
+            .collect();
+        let (effect, joint, parameter) = parameter;
+        table.rows.push([effect, joint, parameter].map(Cell::from).into_iter().chain(of_models).collect());
+    }
+    (!table.rows.is_empty()).then(|| Section::new("Effects").table(table))
 }
 
 /// What the names of friction parameters have and those of f do not.
