@@ -29,7 +29,7 @@
 //!
 //! # Time
 //! The first round of replicas runs while the rows arrive; a second, about the load it found, is the last where the result
-//! stays put. A third is the most there is.
+//! stays put. Six are the most there are, for an arm that is light beside its load.
 //!
 //! Left out: effects beyond the plain arm ([`crate::effects`]).
 

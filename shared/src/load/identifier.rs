@@ -13,8 +13,10 @@ use crate::arm::Load;
 /// Time a step of one replica takes on the board, ns; for a simulated board. From the time a search takes on the emulated one.
 pub const COST_NS_PER_REPLICA_STEP: u64 = 12_500;
 
-/// Runs of the bundle at most, each about the load that the one before found; the first while the rows arrive.
-const ROUNDS: u8 = 3;
+/// Runs of the bundle at most, each about the load that the one before found; the first while the rows arrive. Two or three
+/// do where half the largest load is little beside the arm; where it is as much as the forearm, the first runs are far from
+/// linear.
+const ROUNDS: u8 = 6;
 /// From the second run on that is the last whose result is within so many standard errors of the load it ran with, and
 /// lowers the sum of squares by no more than this share: what a further one would correct is less.
 const SETTLED_ERRORS: f64 = 0.3;
@@ -196,6 +198,21 @@ impl Identifier {
         (self.recent_rows == self.recent.len()).then(|| {
             let travel = |joint: usize| last[joint].wrapping_sub(first[joint]) as f32 / (2 * START_ROWS) as f32;
             [travel(0), travel(1)]
+        })
+    }
+
+    /// The same at the newest row: the mean is that of the middle one, and between them the speed goes on changing as over
+    /// the recent rows. By the mean alone a light arm, which accelerates by a count a row and more meanwhile, would seem to
+    /// carry another load.
+    fn newest_speed_counts(&self) -> Option<[f32; 2]> {
+        let ([first, ..], [.., last]) = (&self.recent, &self.recent);
+        let middle = &self.recent[START_ROWS];
+        self.speed_counts().map(|mean| {
+            let bend = |joint: usize| {
+                let later = last[joint].wrapping_sub(middle[joint]);
+                later.wrapping_sub(middle[joint].wrapping_sub(first[joint])) as f32
+            };
+            [0, 1].map(|joint: usize| mean[joint] + bend(joint) / START_ROWS as f32)
         })
     }
 
@@ -434,8 +451,7 @@ impl Identifier {
             self.watch.restart();
         }
         if self.watch.is_new() {
-            // The state is found from the rows around the middle of the recent ones, but the bundle starts at the newest.
-            let Some(speed) = self.speed_counts() else { return Piece::default() };
+            let Some(speed) = self.newest_speed_counts() else { return Piece::default() };
             self.nuisances[MODEL_UNKNOWNS..].fill(0.0);
             self.bundle.start(setup, linear_load(&self.about), &self.nuisances, row.counts, speed);
             self.watch.restart();
