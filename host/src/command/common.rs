@@ -126,10 +126,10 @@ impl BoardArguments {
 
     fn simulated_gripper(&self, robot: &Robot) -> Result<Gripper, CommandError> {
         if self.load_kg.is_some() && robot.gripper.is_none() {
-            return Err(CommandError::Usage(
-                "--load-kg needs a robot file that says where a load is held: add [gripper] with maximum_load_kg and grasp_m"
-                    .into(),
-            ));
+            return Err(CommandError::Usage(format!(
+                "--load-kg needs a robot file that says where a load is held: {}",
+                Gripper::lines_to_add(robot)
+            )));
         }
         Ok(robot.gripper.unwrap_or(Gripper::REFERENCE))
     }

@@ -1,17 +1,20 @@
 //! `armid load`.
 
+mod outcome;
+mod words;
+
 use std::path::PathBuf;
 
-use armid::capture::tracking_quality;
+use armid::board_setup;
 use armid::client::{Client, MovementWatcher};
 use armid::load::{self, HostIdentifier, Listener, Told};
 use armid::model::Model;
+use armid::number_text::significant;
 use armid::recording::{Mode, Recording};
-use armid::report::{self, Cell, FileRole, Section, Table};
+use armid::report::{self, FileRole};
 use armid::robot::{Gripper, Robot};
 use clap::{Args, ValueEnum};
-use serde_json::{Value, json};
-use shared::load::{LONGEST_COLLECTION_ROWS, LoadEstimate, LoadNews, LoadSettings, Rejected, Waiting};
+use shared::load::{LONGEST_COLLECTION_ROWS, LoadSettings, SHORTEST_COLLECTION_ROWS};
 
 use super::common::{
     BoardArguments, Prepared, RobotArguments, TrajectoryArguments, advise, for_board, print, print_json, read_model,
@@ -22,10 +25,15 @@ use super::page::{self, ReportArguments};
 use super::run::Run;
 use super::{CommandError, own_model};
 
+use outcome::Outcome;
+pub use words::sentence;
+use words::{active, why_not};
+
 const NOTES: &str = "The arm moves under computed torque, which assumes half the largest load, and the load is found \
     from 0.2 s of rows: its mass where the grasp is known (--grasp), its centre and inertia too where at least 1 s with \
     reversals is collected and they are not known (--collect 1 --centre-error 0.1). The standard error includes that of \
-    the model's parameters. Changes of the load are noticed from then on, and identified anew.
+    the model's parameters. Changes of the load are noticed from then on, and identified anew. Every tick of the loop has to \
+    be recorded: loop_period_s of the robot file equal to its record_period_s.
 
 Without --model, the board's active model is used; without one, and on a simulated board always, two movements of the \
     empty arm are recorded and identified first. On a real board the gripper must be empty for that; take up the load and \
@@ -82,7 +90,7 @@ pub struct LoadArguments {
     /// Standard error of the load's own inertia, kg m²; 0 where it is known to be small
     #[arg(long, value_name = "KGM2", default_value_t = 0.0)]
     inertia_error: f64,
-    /// How long to collect rows, s: 0.1 to 1.05
+    /// How long to collect rows, s: 143 to 1500 rows, which are 0.1 to 1.05 s at 0.7 ms each
     #[arg(long, value_name = "SECONDS", default_value_t = 0.2)]
     collect: f64,
     /// The gripper is empty when the movement begins: rows of the empty arm first show what is wrong with the model, and the
@@ -115,22 +123,28 @@ impl LoadArguments {
     fn gripper(&self, robot: &Robot) -> Result<Gripper, CommandError> {
         let maximum = self.maximum_kg.or(robot.gripper.map(|gripper| gripper.maximum_load_kg));
         let grasp = self.grasp.map(|grasp| grasp.0).or(robot.gripper.map(|gripper| gripper.grasp_m));
-        match (maximum, grasp) {
-            (Some(maximum_load_kg), Some(grasp_m)) => Ok(Gripper { maximum_load_kg, grasp_m }),
-            _ => Err(CommandError::Usage(format!(
-                "the robot file of \"{}\" does not say what the arm may carry: add [gripper] with maximum_load_kg and grasp_m, \
-                 or give --maximum-kg and --grasp",
-                robot.name
-            ))),
-        }
+        let (missing, options) = match (maximum, grasp) {
+            (Some(maximum_load_kg), Some(grasp_m)) => return Ok(Gripper { maximum_load_kg, grasp_m }),
+            (Some(_), None) => ("where the arm holds a load", "--grasp"),
+            (None, Some(_)) => ("what the arm may carry", "--maximum-kg"),
+            (None, None) => ("what the arm may carry and where", "--maximum-kg and --grasp"),
+        };
+        Err(CommandError::Usage(format!(
+            "the robot file of \"{}\" does not say {missing}: give {options}, or {}",
+            robot.name,
+            Gripper::lines_to_add(robot)
+        )))
     }
 
     /// The settings for the board, checked.
     fn settings(&self, robot: &Robot, model: &Model, place: Place) -> Result<LoadSettings, CommandError> {
-        let rows = (self.collect / robot.record_period_s).round();
-        if !(0.0..=LONGEST_COLLECTION_ROWS as f64).contains(&rows) {
+        let period_s = robot.record_period_s;
+        let rows = (self.collect / period_s).round();
+        let [least, most] = [f64::from(SHORTEST_COLLECTION_ROWS), LONGEST_COLLECTION_ROWS as f64];
+        if !(least..=most).contains(&rows) {
+            let [low_s, high_s] = [least, most].map(|rows| significant(rows * period_s, 3));
             return Err(CommandError::Usage(format!(
-                "--collect {} s is {rows} rows, but must be at most {LONGEST_COLLECTION_ROWS}",
+                "--collect {} s is {rows} rows of {period_s} s, but must be {least} to {most} rows: {low_s} to {high_s} s",
                 self.collect
             )));
         }
@@ -147,6 +161,19 @@ impl LoadArguments {
     }
 }
 
+/// Refuses a robot whose loop ticks between the recorded rows: before it moves, and so before the board would.
+fn check_every_tick_is_recorded(robot: &Robot) -> Result<(), CommandError> {
+    if robot.loop_ticks_per_record() == 1 {
+        return Ok(());
+    }
+    let (loop_s, record_s) = (robot.loop_period_s, robot.record_period_s);
+    Err(CommandError::Usage(format!(
+        "a load is identified only where every tick of the loop is recorded, because the commands of the others are not \
+         known; the robot file has loop_period_s = {loop_s} and record_period_s = {record_s}: set record_period_s = {loop_s} \
+         with a movement short enough to be recorded, or loop_period_s = {record_s} with gains for it (armid info --margins)"
+    )))
+}
+
 /// Where the search runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Place {
@@ -158,8 +185,13 @@ enum Place {
 
 impl LoadCommand {
     pub fn run(&self) -> Result<(), CommandError> {
-        let robot = self.robot.read_for_motion()?;
-        self.load.gripper(&robot)?;
+        let mut robot = self.robot.read_for_motion()?;
+        // A single axis has no gripper to be told about.
+        board_setup::configuration(&robot)?;
+        check_every_tick_is_recorded(&robot)?;
+        let gripper = self.load.gripper(&robot)?;
+        // A simulated arm whose file does not say where it holds its load holds it where the options say.
+        robot.gripper.get_or_insert(gripper);
         let movement = self.trajectory.prepare(&robot)?;
         let inputs = [self.robot.robot.as_deref(), self.model.as_deref(), self.trajectory.file()];
         let outputs = with_sidecars(self.out.as_slice());
@@ -212,20 +244,21 @@ impl LoadCommand {
         let recording = ran.whole()?;
         let report = client.load_report()?;
         let board_s = report.found_tick.saturating_sub(report.searching_tick) as f64 * robot.loop_period_s;
-        let result = report.found.map(|found| Outcome {
-            found,
-            place: self.place,
-            collect_s: f64::from(settings.collect_rows) * robot.record_period_s,
-            identify_s: searched_s.unwrap_or(board_s),
-            settings,
+        let result = report.found.map(|found| {
+            let collect_s = f64::from(settings.collect_rows) * robot.record_period_s;
+            Outcome::new(&found, self.place, [collect_s, searched_s.unwrap_or(board_s)], &settings, &told)
         });
+        result.iter().flat_map(Outcome::doubts).for_each(advise);
         match &result {
             Some(result) if self.json => print_json(&result.to_json(&robot, &told, &recording)),
             Some(result) => print(result.text(&recording)),
             None => Ok(()),
         }?;
         // What was told and tracked until then is of more use where nothing was found.
-        let verdict = result.as_ref().map_or_else(|| why_not(&robot, &told), |result| active(&result.found));
+        let verdict = match &result {
+            Some(result) => active(result.found()),
+            None => why_not(&robot, &settings, &told, self.trajectory.file().is_some()),
+        };
         self.report.write(|| {
             let runs = [(&recording, "with the load")];
             let carried = page::load::Carried {
@@ -273,185 +306,5 @@ impl LoadCommand {
              the command again"
                 .into(),
         ))
-    }
-}
-
-/// What was found, to be told.
-struct Outcome {
-    found: LoadEstimate,
-    place: Place,
-    collect_s: f64,
-    identify_s: f64,
-    settings: LoadSettings,
-}
-
-impl Outcome {
-    fn place_name(&self) -> &'static str {
-        match self.place {
-            Place::Board => "board",
-            Place::Host => "host",
-        }
-    }
-
-    /// What the rows tell of centre and inertia: their names, and whether the data halved the prior's standard error.
-    fn told(&self) -> [(&'static str, bool); 3] {
-        let [x, y] = self.found.centre_standard_error_m;
-        let prior = self.settings.centre_standard_error_m;
-        let inertia = self.found.inertia_standard_error_kg_m2 < 0.5 * self.settings.inertia_standard_error_kg_m2;
-        [("centre x", x < 0.5 * prior), ("centre y", y < 0.5 * prior), ("inertia", inertia)]
-    }
-
-    fn to_json(&self, robot: &Robot, told: &[Told], recording: &Recording) -> Value {
-        let found = &self.found;
-        let from_data: Vec<&str> = self.told().iter().filter(|(_, told)| *told).map(|(name, _)| *name).collect();
-        let list: Vec<Value> =
-            told.iter().map(|told| json!({"at_s": told.at_s, "news": sentence(robot, &told.news)})).collect();
-        json!({
-            "mass_kg": found.mass_kg,
-            "standard_error_kg": found.standard_error_kg,
-            "where": self.place_name(),
-            "collect_s": self.collect_s,
-            "identify_s": self.identify_s,
-            "active": true,
-            "centre_m": found.centre_m,
-            "centre_standard_error_m": found.centre_standard_error_m,
-            "inertia_kg_m2": found.inertia_kg_m2,
-            "inertia_standard_error_kg_m2": found.inertia_standard_error_kg_m2,
-            "found_in_data": from_data,
-            "noise_ratio": found.noise_ratio,
-            "max_abs_error_counts":
-                tracking_quality(recording).iter().map(|joint| joint.max_abs_error_counts).collect::<Vec<_>>(),
-            "events": list,
-        })
-    }
-
-    /// What was found, for the page.
-    fn section(&self) -> Section {
-        let found = &self.found;
-        let [x, y] = [0, 1].map(|axis| (found.centre_m[axis], found.centre_standard_error_m[axis]));
-        let inertia = (found.inertia_kg_m2, found.inertia_standard_error_kg_m2);
-        let mut table = Table::new(["", "value", "± standard error", "unit", "told by the rows"]);
-        let mass = (found.mass_kg, found.standard_error_kg);
-        let told = self.told().into_iter().zip([x, y, inertia]).zip(["m", "m", "kg m²"]);
-        let all = told.map(|(((name, told), estimate), unit)| (name, told, estimate, unit));
-        for (name, told, (value, error), unit) in std::iter::once(("mass", true, mass, "kg")).chain(all) {
-            table = table.row([
-                Cell::from(name),
-                Cell::significant(f64::from(value)),
-                Cell::scientific(f64::from(error)),
-                Cell::from(unit),
-                Cell::from(if told { "yes" } else { "no more than what was given" }),
-            ]);
-        }
-        Section::new("Load").table(table).text(format!(
-            "Found on the {} from {:.2} s of rows; what the model leaves of the rows is {:.2} of the encoder's noise.",
-            self.place_name(),
-            self.collect_s,
-            found.noise_ratio
-        ))
-    }
-
-    fn text(&self, recording: &Recording) -> String {
-        let found = &self.found;
-        let mut lines = vec![
-            active(found),
-            format!(
-                "found on the {} from {:.2} s of rows, in use {:.3} s after the last of them; what the model leaves of the \
-                 rows is {:.2} of the encoder's noise",
-                self.place_name(),
-                self.collect_s,
-                self.identify_s,
-                found.noise_ratio
-            ),
-        ];
-        for (name, (value, error, unit)) in self.told().into_iter().zip([
-            (found.centre_m[0], found.centre_standard_error_m[0], "m"),
-            (found.centre_m[1], found.centre_standard_error_m[1], "m"),
-            (found.inertia_kg_m2, found.inertia_standard_error_kg_m2, "kg m²"),
-        ]) {
-            let (name, from_data) = name;
-            lines.push(if from_data {
-                format!("{name}: {} {unit}", with_error(value, error))
-            } else {
-                format!("{name}: {} {unit}; these rows tell no more than what was given", with_error(value, error))
-            });
-        }
-        let largest: Vec<String> =
-            tracking_quality(recording).iter().map(|joint| format!("{:.0}", joint.max_abs_error_counts)).collect();
-        lines.push(format!("largest tracking error of the whole movement: {} counts", largest.join(" / ")));
-        lines.join("\n")
-    }
-}
-
-/// The load in use, in one line.
-pub fn active(found: &LoadEstimate) -> String {
-    format!("now active: {} kg", with_error(found.mass_kg, found.standard_error_kg))
-}
-
-/// A value and its standard error to the same digit: hundredths, or as fine as two digits of the error need.
-fn with_error(value: f32, error: f32) -> String {
-    let first = if error > 0.0 { -f64::from(error).log10().floor() } else { 2.0 };
-    // Two digits say nothing of an error of grams.
-    let digits = if error >= 0.01 { 2 } else { (first + 1.0).clamp(3.0, 9.0) as usize };
-    format!("{value:.digits$} ± {error:.digits$}")
-}
-
-/// What is told of a load in the gripper of `robot`, in words.
-pub fn sentence(robot: &Robot, news: &LoadNews) -> String {
-    match news {
-        LoadNews::Waiting(Waiting::Slow { joint }) => {
-            let name = robot.joints.get(usize::from(*joint)).map_or("?", |joint| &joint.name);
-            format!("waiting: joint {name} stands or is about to turn, and its friction hides the load")
-        }
-        LoadNews::Waiting(Waiting::RowsLost) => "waiting: rows were lost on the way to the identification".into(),
-        LoadNews::Collecting => "collecting rows".into(),
-        LoadNews::Searching => "searching for the load".into(),
-        LoadNews::Learned { noise_ratio } => format!(
-            "the empty arm has shown its model's errors (rows left {noise_ratio:.1} times the noise): take up the load"
-        ),
-        LoadNews::Found(found) => active(found),
-        LoadNews::Rejected(why, found) => format!(
-            "not used: {} kg, because {}; collecting again",
-            with_error(found.mass_kg, found.standard_error_kg),
-            match why {
-                Rejected::TooHeavy => "the rows want more than the largest load (--maximum-kg)",
-                Rejected::Negative => "the rows want less than no load: the model of the empty arm is wrong",
-                Rejected::Uncertain => "it is known too poorly: the movement is too slow, or the model too uncertain",
-                Rejected::OutOfReach => "its centre is out of reach",
-                Rejected::Inconsistent => {
-                    "the rows are not of one arm with one load: it changed among them, or the model is wrong"
-                }
-                Rejected::NotFinite => "it is not a number",
-            }
-        ),
-        LoadNews::Changed { by_kg, assumed_kg } => {
-            format!(
-                "the load has changed, by {by_kg:+.2} kg or more: assuming {assumed_kg:.2} kg, and identifying anew"
-            )
-        }
-    }
-}
-
-/// Why nothing is active at the end.
-fn why_not(robot: &Robot, told: &[Told]) -> String {
-    match told.last() {
-        Some(last) => {
-            let shorter = matches!(last.news, LoadNews::Waiting(_) | LoadNews::Collecting | LoadNews::Searching);
-            let remedy = if shorter { "; a longer movement (--period) gives it time" } else { "" };
-            format!("no load is active at the end of the movement; last: {}{remedy}", sentence(robot, &last.news))
-        }
-        None => "no load is active at the end of the movement, and the identification said nothing".into(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::with_error;
-
-    #[test]
-    fn a_load_of_a_small_robot_has_its_digits() {
-        assert_eq!(with_error(1.7234, 0.031), "1.72 ± 0.03");
-        assert_eq!(with_error(0.3, 0.000_042), "0.300000 ± 0.000042");
-        assert_eq!(with_error(0.3, 0.0), "0.300 ± 0.000");
     }
 }

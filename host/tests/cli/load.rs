@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::bench::{Bench, FAILED, UNSAFE, USAGE};
+use crate::bench::{BAD_FILE, Bench, FAILED, USAGE};
 use crate::page::Page;
 
 /// The mass found and its standard error.
@@ -91,23 +91,86 @@ fn wrong_settings_are_refused_with_their_limits() {
     let refused = |options: &str, parts: &[&str]| {
         bench.refused(USAGE, &format!("load --board sim --model truth.toml {options}"), parts);
     };
-    refused("--collect 0.05", &["Rows", "143"]);
+    refused("--collect 0.05", &["--collect 0.05", "71 rows", "143", "0.100 to 1.05 s"]);
     refused("--collect 5", &["--collect 5", "1500"]);
     refused("--maximum-kg 0", &["MaximumMass"]);
     refused("--grasp nowhere", &["two lengths"]);
     bench.done("new-robot --example direct-drive-double-pendulum --out pendulum.toml");
     let pendulum = "load --board sim --robot pendulum.toml";
     bench.refused(USAGE, &format!("{pendulum} --maximum-kg 1"), &["[gripper]", "maximum_load_kg", "--grasp"]);
-    let options = "--maximum-kg 1 --grasp 0,-0.2 --load-kg 0.5";
-    bench.refused(USAGE, &format!("{pendulum} {options}"), &["--load-kg", "[gripper]"]);
+    bench.refused(USAGE, &format!("{pendulum} --grasp 0,-0.2"), &["[gripper]", "give --maximum-kg, or"]);
     refused("--load-kg 99", &["--load-kg 99", "10 kg"]);
     bench.refused(USAGE, "load --board usb --model truth.toml --load-kg 1", &["--load-kg is for a simulated board"]);
     bench.spoil("robot.toml", "fast.toml", |text| text.replace("loop_period_s = 0.0007", "loop_period_s = 0.00035"));
     bench.refused(
-        UNSAFE,
+        USAGE,
         "load --board sim --robot fast.toml --model truth.toml --load-kg 1",
-        &["every loop tick", "350000 ns"],
+        &["every tick of the loop is recorded", "set record_period_s = 0.00035", "or loop_period_s = 0.0007"],
     );
+}
+
+#[test]
+fn a_gripper_is_added_by_options_or_by_the_lines_shown() {
+    let bench = Bench::new();
+    bench.done("new-robot --example direct-drive-double-pendulum --out pendulum.toml");
+    let with_options = bench.json("load --board sim --robot pendulum.toml --maximum-kg 1 --grasp 0,-0.3 --load-kg 0.5");
+    assert!((mass(&with_options)[0] - 0.5).abs() < 0.02, "{with_options}");
+    for command in ["load", "record --out r.csv"] {
+        let ended = bench.run(&format!("{command} --board sim --robot pendulum.toml --load-kg 0.5"));
+        assert_eq!(ended.status.code(), Some(USAGE));
+        let shown = String::from_utf8(ended.stderr).unwrap();
+        let lines: Vec<&str> = shown.lines().skip_while(|line| *line != "[gripper]").take(3).collect();
+        assert_eq!(lines.len(), 3, "{shown}");
+        bench.spoil("pendulum.toml", "gripping.toml", |text| format!("{text}\n{}\n", lines.join("\n")));
+        let found = bench.json("load --board sim --robot gripping.toml --load-kg 0.5");
+        assert!((mass(&found)[0] - 0.5).abs() < 0.02, "{found}");
+    }
+    bench.done("new-robot --example emps --out axis.toml");
+    bench.refused(BAD_FILE, "load --board sim --robot axis.toml", &["single axis"]);
+}
+
+#[test]
+fn a_maximum_too_small_and_a_wrong_grasp_get_the_remedy_that_helps() {
+    let bench = Bench::new();
+    bench.done("simulate --settle 0 --out run.csv --truth truth.toml --seed 1");
+    let command = |options: &str| format!("load --board sim --seed 1 --model truth.toml {options}");
+    // More than the largest load, and a load farther out than is said: neither needs a longer movement.
+    for options in ["--load-kg 2 --maximum-kg 1", "--load-kg 2 --grasp -0.02,-0.3"] {
+        let ended = bench.run(&command(options));
+        let told = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(FAILED), "{told}");
+        let last = told.lines().last().unwrap();
+        for part in ["give a larger --maximum-kg", "--grasp", "--collect 1 --centre-error"] {
+            assert!(last.contains(part), "no {part} in {last}");
+        }
+        assert!(!last.contains("--period"), "{last}");
+    }
+    // A little more, which passes the gate.
+    let found = bench.json(&command("--load-kg 1.1 --maximum-kg 1"));
+    assert!(found["doubts"][0].as_str().unwrap().contains("give a larger --maximum-kg"), "{found}");
+    // A wrong grasp passes for changes of the load; the rows tell the right one.
+    let found = bench.json(&command("--load-kg 1 --grasp 0.3,0"));
+    let doubt = found["doubts"][0].as_str().unwrap();
+    assert!(doubt.contains("has changed") && doubt.contains("--grasp") && doubt.contains("--centre-error"), "{found}");
+    let found = bench.json(&command("--load-kg 1 --grasp 0,0.53 --collect 1 --centre-error 0.3"));
+    assert!((found["centre_m"][1].as_f64().unwrap() + 0.53).abs() < 0.1, "{found}");
+    assert!(found["doubts"][0].as_str().unwrap().contains("correct the grasp"), "{found}");
+    // No doubt about what is right.
+    assert_eq!(bench.json(&command("--load-kg 1"))["doubts"], Value::Array(Vec::new()));
+}
+
+#[test]
+fn what_is_taken_as_known_is_shown_as_it_was_given() {
+    let bench = Bench::new();
+    bench.done("simulate --settle 0 --out run.csv --truth truth.toml --seed 1");
+    let known = bench.done("load --board sim --seed 1 --model truth.toml --load-kg 1.72");
+    for line in
+        ["centre x: -0.02 m, taken as known", "centre y: -0.53 m, taken as known", "inertia: 0 kg m², taken as known"]
+    {
+        assert!(known.lines().any(|one| one == line), "no {line} in {known}");
+    }
+    let unsure = bench.done("load --board sim --seed 1 --model truth.toml --load-kg 1.72 --centre-error 0.001");
+    assert!(unsure.contains("hardly more than the -0.02 ± 0.001 m given"), "{unsure}");
 }
 
 #[test]
