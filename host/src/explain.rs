@@ -65,7 +65,7 @@ use crate::robot::{Kind, Robot};
 use decide::Case;
 use engine::Engine;
 use fit::Setting;
-use hypothesis::Baseline;
+use hypothesis::{Baseline, Hypothesis};
 use instance::Instance;
 use strangers::Stranger;
 
@@ -181,10 +181,13 @@ impl Asked<'_> {
         let baseline = baseline(robot, model, priors);
         let known = known_effects(robot, model, experiment.segments.len())?;
 
-        let rows = rows::Rows::new(&experiment);
+        let start = Hypothesis::baseline(&baseline, &known).candidate(&baseline, &experiment);
+        let rows_of =
+            |experiment: &Experiment| rows::Rows::new(experiment).with_rounding_of(experiment, start.as_ref(), seed);
+        let rows = rows_of(&experiment);
         let current_sigma_a = audit::current_sigma(&experiment);
         let train = Engine::new(Setting { experiment: &experiment, rows: &rows, current_sigma_a }, &baseline);
-        let check_rows = kept_back.as_ref().map(rows::Rows::new);
+        let check_rows = kept_back.as_ref().map(rows_of);
         let check = match (&kept_back, &check_rows) {
             (Some(experiment), Some(rows)) => {
                 Some(Engine::new(Setting { experiment, rows, current_sigma_a: None }, &baseline))

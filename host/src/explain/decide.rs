@@ -113,10 +113,7 @@ impl Case<'_> {
         let start = Hypothesis::baseline(train.baseline, known);
         let baseline_innovations = train.innovations(&start);
         let before = train.gap(&baseline_innovations);
-        let flat: Noise = rows.white_power(&baseline_innovations).map(|power| {
-            let rounding = if train.setting.experiment.robot.quantised { 1.0 / 12.0 } else { 1e-6 };
-            noise::JointNoise::white(if power.is_finite() { power.max(rounding) } else { rounding })
-        });
+        let flat: Noise = rows.white_counts2(&baseline_innovations).map(noise::JointNoise::white);
         let first = train.refit(&start, &train.weights(&flat), &[], Free::All, 5)?;
         let first_noise = noise::most_likely(rows, &first.residual.motion, flat.map(|n| n.white_counts2), 6.0);
         let mut current = train.refit(&first.hypothesis, &train.weights(&first_noise), &first.columns, Free::All, 3)?;

@@ -11,6 +11,7 @@ use shared::machine::{Machine, Movable};
 use shared::replay::{Course, Innovations, RecordedSample};
 
 use super::simulate::{Candidate, neutral};
+use crate::identify::experiment::following;
 use crate::identify::simulation::Simulation;
 use crate::identify::{Columns, Experiment, Segment};
 use crate::random::Random;
@@ -40,6 +41,26 @@ pub fn simulate_nulls(
         closed_loop(experiment, model, segment, noise, &mut Random::new(seed, 0x6e75_6c6c)).innovations
     };
     (0..count).into_par_iter().map(|null| (0..segments).map(|segment| of(null, segment)).collect()).collect()
+}
+
+/// Robots that tell how loud rounding is.
+const ROUNDING_NULLS: usize = 4;
+
+/// Variance in counts² of the innovations of robots that are exactly `model` and have no noise but that of rounding, per joint.
+/// In a loop that is faster than the recording, rounding of positions and commands moves the arm between the samples, unseen.
+pub fn rounding_counts2(experiment: &Experiment, model: &Candidate, seed: u64) -> [f64; 2] {
+    let silent = NullNoise { torque_nm: [0.0; 2], correlation_time_s: [1.0; 2], position_counts: [0.0; 2] };
+    let nulls = simulate_nulls(experiment, model, &silent, seed, ROUNDING_NULLS);
+    [0, 1].map(|joint: usize| {
+        let settled = nulls.iter().flat_map(|columns| columns.iter().zip(&experiment.segments));
+        let (mut sum, mut count) = (0.0, 0);
+        for (columns, segment) in settled {
+            let part = &columns[joint][experiment.settled(segment)];
+            sum += part.iter().map(|innovation| innovation * innovation).sum::<f64>();
+            count += part.len();
+        }
+        sum / count.max(1) as f64
+    })
 }
 
 /// What a simulated robot records, and what the model that it is does not foresee of it.
@@ -94,15 +115,17 @@ fn run<P: Movable<Number = f64>>(
     let phase = [0, 1].map(|_| if quantised { random.unit() } else { 0.0 });
     let kept = noise.correlation_time_s.map(|time_s| (-period_s / time_s).exp());
     let mut torque = noise.torque_nm.map(|deviation| deviation * random.normal());
+    // A faster loop sees the reference itself, the model what is left of its rounded samples.
+    let references = &segment.model_reference_counts;
+    let seen = experiment.model_reference(&references.iter().map(|pair| pair.map(f64::round)).collect::<Vec<_>>());
+    let seen = if ticks > 1 && quantised { &seen } else { references };
     let columns = || [Vec::with_capacity(samples), Vec::with_capacity(samples)];
     let mut left = Run { error_counts: columns(), current_a: columns(), innovations: columns() };
     let mut last_command: Option<[f64; 2]> = None;
     for k in 0..samples {
         let known = segment.added_torque_nm[k];
         let added = [torque[0] + known[0], torque[1] + known[1]];
-        let references = &segment.model_reference_counts;
-        let (before, here, next) =
-            (k.checked_sub(1).map(|k| references[k]), references[k], segment.next_model_reference(k));
+        let (before, here, next) = (k.checked_sub(1).map(|k| references[k]), references[k], following(references, k));
         let course = [0, 1].map(|joint: usize| Course::new(before.map(|b| b[joint]), here[joint], next[joint]));
         for tick in 0..ticks {
             let position = robot.position_counts(&motion);
@@ -118,19 +141,20 @@ fn run<P: Movable<Number = f64>>(
             }
             let share = f64::from(tick) / f64::from(ticks);
             // Where commands are missing the model follows a loop of its own, and one whose encoder begins at a whole count.
-            // What such a loop sees of the reference between the samples is rounded too.
+            // What such a loop sees of the reference between the samples is rounded too, and so is what it commands there.
             let command = [0, 1].map(|joint: usize| {
                 let (reference, actual) = (course[joint].at(share), actual[joint]);
                 if ticks > 1 && quantised {
-                    laws[joint].command_a(reference.round(), actual - phase[joint])
+                    let command_a = laws[joint].command_a(reference.round(), actual - phase[joint]);
+                    converted_a(experiment, joint, command_a)
                 } else {
                     laws[joint].command_a(reference, actual)
                 }
             });
             if tick == 0 {
                 let innovation = model.tick(&RecordedSample {
-                    reference_counts: here,
-                    next_reference_counts: next,
+                    reference_counts: seen[k],
+                    next_reference_counts: following(seen, k),
                     measured_counts: measured,
                     command_a: command,
                     added_torque_nm: known,
@@ -162,4 +186,14 @@ fn run<P: Movable<Number = f64>>(
         }
     }
     left
+}
+
+/// Codes of the board's converters from zero to full scale.
+const CODES_TO_FULL_SCALE: f64 = 2048.0;
+
+/// A command in A as the board's converter gives it.
+fn converted_a(experiment: &Experiment, joint: usize, command_a: f64) -> f64 {
+    let a_per_code =
+        experiment.robot.joints.get(joint).map_or(0.0, |joint| joint.current_full_scale_a) / CODES_TO_FULL_SCALE;
+    if a_per_code > 0.0 { (command_a / a_per_code).round() * a_per_code } else { command_a }
 }

@@ -9,10 +9,15 @@ use std::sync::Arc;
 
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
+use super::nulls;
+use super::simulate::Candidate;
 use crate::identify::{Columns, Experiment};
 
 /// No mechanical effect shows above this.
 const HIGHEST_HZ: f64 = 200.0;
+
+/// Lines above the rows' frequencies from which on their power tells how loud white noise is.
+const TELLING_LINES: f64 = 100.0;
 
 /// Share of the samples that fade in and out: the ends of a series are no jump then.
 const TAPERED_S: f64 = 0.05;
@@ -40,6 +45,8 @@ pub struct Rows {
     pub frequency_hz: Vec<f64>,
     /// Joint of every row.
     pub joint: Vec<usize>,
+    /// Variance that rounding alone leaves in the innovations of each joint, counts².
+    rounding_counts2: [f64; 2],
 }
 
 impl Rows {
@@ -47,7 +54,8 @@ impl Rows {
     pub fn new(experiment: &Experiment) -> Self {
         let period_s = experiment.robot.record_period_s;
         let mut planner = RealFftPlanner::<f64>::new();
-        let mut rows = Self { series: Vec::new(), frequency_hz: Vec::new(), joint: Vec::new() };
+        let rounding_counts2 = [if experiment.robot.quantised { 1.0 / 12.0 } else { 1e-6 }; 2];
+        let mut rows = Self { series: Vec::new(), frequency_hz: Vec::new(), joint: Vec::new(), rounding_counts2 };
         for (index, segment) in experiment.segments.iter().enumerate() {
             for joint in 0..experiment.robot.joints.len() {
                 let samples = experiment.settled(segment);
@@ -138,9 +146,18 @@ impl Rows {
         whole
     }
 
-    /// Mean power of `columns` above the rows' frequencies per joint: the white part alone. NaN where the rows
-    /// leave nothing above them.
-    pub fn white_power(&self, columns: &Columns) -> [f64; 2] {
+    /// The rows of an experiment on a robot that is about `model`. In a loop that is faster than the recording, rounding moves
+    /// the arm between the samples, unseen, by how much robots tell that have no other noise.
+    pub fn with_rounding_of(mut self, experiment: &Experiment, model: Option<&Candidate>, seed: u64) -> Self {
+        if let Some(model) = model.filter(|_| experiment.robot.quantised && experiment.commands_are_missing()) {
+            self.rounding_counts2 = nulls::rounding_counts2(experiment, model, seed);
+        }
+        self
+    }
+
+    /// Variance of the white part of innovations per joint in counts²: their mean power above the rows' frequencies, at least
+    /// what rounding leaves.
+    pub fn white_counts2(&self, columns: &Columns) -> [f64; 2] {
         let mut sum = [0.0; 2];
         let mut count = [0.0; 2];
         for series in &self.series {
@@ -153,6 +170,10 @@ impl Rows {
                 count[series.joint] += 1.0;
             }
         }
-        [sum[0] / count[0], sum[1] / count[1]]
+        [0, 1].map(|joint: usize| {
+            let (power, rounding) = (sum[joint] / count[joint], self.rounding_counts2[joint]);
+            // A few lines tell little of their power.
+            if count[joint] >= TELLING_LINES && power.is_finite() { power.max(rounding) } else { rounding }
+        })
     }
 }

@@ -315,7 +315,7 @@ pub fn score(base: &Base, features: &[Feature], rows: usize) -> Vec<Scored> {
 /// as long as they bring more than `threshold`.
 pub fn cleaned_noise(stage: &Stage, features: &[Feature], threshold: f64, most: usize) -> Noise {
     let rows = stage.setting.rows;
-    let white = white(stage);
+    let white = rows.white_counts2(stage.innovations);
     let (precisions, offsets) = priors(stage);
     let mut columns: Vec<Column> = stage.columns.to_vec();
     let (mut precisions, mut offsets) = (precisions, offsets);
@@ -346,14 +346,4 @@ pub fn cleaned_noise(stage: &Stage, features: &[Feature], threshold: f64, most: 
         }
     }
     noise
-}
-
-/// Variance of the white part of a stage's innovations, at least that of rounding.
-pub fn white(stage: &Stage) -> [f64; 2] {
-    let rounding = if stage.setting.experiment.robot.quantised { 1.0 / 12.0 } else { 1e-6 };
-    stage
-        .setting
-        .rows
-        .white_power(stage.innovations)
-        .map(|power| if power.is_finite() { power.max(rounding) } else { rounding })
 }

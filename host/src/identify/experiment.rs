@@ -72,11 +72,15 @@ pub struct Segment {
 impl Segment {
     /// The reference that the model's loop has at the sample after the `k`-th; behind the last it goes on as it went.
     pub(crate) fn next_model_reference(&self, k: usize) -> [f64; 2] {
-        let references = &self.model_reference_counts;
-        let here = references[k];
-        let before = references[k.saturating_sub(1)];
-        references.get(k + 1).copied().unwrap_or([0, 1].map(|joint: usize| 2.0 * here[joint] - before[joint]))
+        following(&self.model_reference_counts, k)
     }
+}
+
+/// The reference at the sample after the `k`-th of `references`; behind the last it goes on as it went.
+pub(crate) fn following(references: &[[f64; 2]], k: usize) -> [f64; 2] {
+    let here = references[k];
+    let before = references[k.saturating_sub(1)];
+    references.get(k + 1).copied().unwrap_or([0, 1].map(|joint: usize| 2.0 * here[joint] - before[joint]))
 }
 
 /// A robot, the recordings made on it, and how a model repeats them.
@@ -179,7 +183,8 @@ impl<'a> Experiment<'a> {
         }
     }
 
-    fn model_reference(&self, reference_counts: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    /// A recorded reference as the model's loop takes it ([`Segment::model_reference_counts`]).
+    pub(crate) fn model_reference(&self, reference_counts: &[[f64; 2]]) -> Vec<[f64; 2]> {
         if !(self.robot.quantised && self.timing.loop_is_faster_than_recording()) {
             return reference_counts.to_vec();
         }
