@@ -280,6 +280,15 @@ fn a_loop_that_ticks_between_the_samples_is_identified_within_its_errors_and_lac
         assert_eq!(explained["verdict"], "none", "{explained}");
         assert!(explained["threshold"].as_f64().unwrap() < MOST_BY_CHANCE, "{}", explained["threshold"]);
     }
+    // Nor is what does lack something passed over.
+    for (name, period_s) in [("slow", 5.0), ("fast", 3.65), ("kept", 4.3)] {
+        bench.done(&format!(
+            "simulate --robot tenth.toml --seed 4 --effect stribeck-friction:joint=2,extra_nm=0.03 --period {period_s} \
+             --out {name}4.csv"
+        ));
+    }
+    let explained = bench.json("explain --robot tenth.toml slow4.csv fast4.csv --check kept4.csv");
+    assert_eq!(explained["effects"][0]["name"], "stribeck-friction", "{explained}");
 }
 
 #[test]
