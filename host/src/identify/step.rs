@@ -23,12 +23,15 @@ const UNKNOWN_FRICTION: f64 = 0.1;
 
 impl Experiment<'_> {
     /// The fewest integration steps per record period with which the innovations of the arm to expect are, to within a small
-    /// part of the noise, those of many steps.
+    /// part of the noise of rounding, those of many steps.
     pub(super) fn substeps_needed(&self) -> u32 {
+        // The noise of positions that are not rounded only a fit tells.
+        if !self.robot.quantised {
+            return FEWEST_SUBSTEPS;
+        }
         let values = self.expected_values();
         let finest = FINEST_SUBSTEPS.max(4 * self.ticks_per_record());
         let fine = self.innovations_in(&values, finest);
-        let noise = self.position_noise_counts2();
         let mut substeps = FEWEST_SUBSTEPS;
         while substeps < finest {
             let coarse = self.innovations_in(&values, substeps);
@@ -36,7 +39,7 @@ impl Experiment<'_> {
                 let of_segment = |(a, b): (&[Vec<f64>; 2], &[Vec<f64>; 2])| -> f64 {
                     a[joint].iter().zip(&b[joint]).map(|(a, b)| (a - b) * (a - b)).sum()
                 };
-                coarse.iter().zip(&fine).map(of_segment).sum::<f64>() / noise[joint]
+                coarse.iter().zip(&fine).map(of_segment).sum::<f64>() / ROUNDING_COUNTS2
             };
             // Not `>`: an arm that blows up needs no better steps.
             if !((0..self.robot.joints.len()).map(added).fold(0.0, f64::max) > TOLERATED_CHI2) {
@@ -57,23 +60,5 @@ impl Experiment<'_> {
             }
         }
         values
-    }
-
-    /// White noise of the measured positions per joint in counts², from their third differences: motion has none to speak of
-    /// from sample to sample.
-    fn position_noise_counts2(&self) -> [f64; 2] {
-        [0, 1].map(|joint: usize| {
-            let third = |window: &[[f64; 2]]| {
-                window[3][joint] - 3.0 * window[2][joint] + 3.0 * window[1][joint] - window[0][joint]
-            };
-            let (mut sum, mut count) = (0.0, 0);
-            for segment in &self.segments {
-                sum += segment.measured_counts.windows(4).map(|window| third(window).powi(2)).sum::<f64>();
-                count += segment.measured_counts.len().saturating_sub(3);
-            }
-            // 1 + 9 + 9 + 1 of them add up.
-            let white = sum / (20.0 * count.max(1) as f64);
-            if self.robot.quantised { white.max(ROUNDING_COUNTS2) } else { white }
-        })
     }
 }
