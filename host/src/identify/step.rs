@@ -41,8 +41,8 @@ impl Experiment<'_> {
                 };
                 coarse.iter().zip(&fine).map(of_segment).sum::<f64>() / ROUNDING_COUNTS2
             };
-            // Not `>`: an arm that blows up needs no better steps.
-            if !((0..self.robot.joints.len()).map(added).fold(0.0, f64::max) > TOLERATED_CHI2) {
+            // The largest passes over NaN: an arm that blows up needs no better steps.
+            if (0..self.robot.joints.len()).map(added).fold(0.0, f64::max) <= TOLERATED_CHI2 {
                 break;
             }
             substeps *= 2;
