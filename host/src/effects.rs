@@ -9,7 +9,7 @@ use shared::plant::Plant;
 
 use crate::edit_distance::nearest;
 use crate::model::Effect;
-use crate::robot::{Kind, Robot};
+use crate::robot::{self, Kind, Robot};
 
 /// The joint of an effect of the whole arm.
 pub const BOTH_JOINTS: &str = "both";
@@ -165,7 +165,7 @@ pub struct MotorInertiaBeyond {
     pub entry: usize,
     /// What it says, kg m² at the motor.
     pub wanted_kg_m2: f64,
-    /// What is taken instead, kg m² at the motor.
+    /// What it can be instead, the other motor as light as it can be where nothing is said of it, kg m² at the motor.
     pub taken_kg_m2: f64,
 }
 
@@ -175,7 +175,14 @@ impl MotorInertiaBeyond {
         if robot.kind == Kind::SingleAxis {
             return Ok(Vec::new());
         }
-        let taken = motor_inertia_kg_m2(robot, f, from_entries(entries, robot)?);
+        let said = |joint: &robot::Joint| {
+            entries.iter().any(|effect| effect.joint == joint.name && effect.parameters.contains_key(MOTOR_INERTIA))
+        };
+        let mut effects = from_entries(entries, robot)?;
+        for (effects, _) in effects.joints.iter_mut().zip(&robot.joints).filter(|(_, joint)| !said(joint)) {
+            effects.motor_inertia_kg_m2 = 0.0;
+        }
+        let taken = motor_inertia_kg_m2(robot, f, effects);
         let of_entry = |(entry, effect): (usize, &Effect)| {
             let joint = robot.joints.iter().position(|joint| joint.name == effect.joint)?;
             let (&wanted_kg_m2, &taken_kg_m2) = (effect.parameters.get(MOTOR_INERTIA)?, taken.get(joint)?);

@@ -335,9 +335,10 @@ pub fn with_effects(hidden: HiddenRobot, effects: &[String], robot: &Robot) -> R
     let hidden = hidden.with_effects(&entries, robot)?;
     for beyond in MotorInertiaBeyond::all(&entries, robot, hidden.f)? {
         let Effect { name, joint, .. } = &entries[beyond.entry];
+        let bound = if beyond.taken_kg_m2 < beyond.wanted_kg_m2 { "at most" } else { "at least" };
         advise(format!(
-            "joint {joint}: {name} has motor_inertia_kg_m2 = {}, but with this arm's f the motor has {:.3e} kg m²: that is \
-             what is simulated",
+            "joint {joint}: {name} has motor_inertia_kg_m2 = {}, but with this arm's f the motor has {bound} {:.3e} kg m², \
+             and that is the limit of what is simulated",
             significant(beyond.wanted_kg_m2, 4),
             beyond.taken_kg_m2
         ));

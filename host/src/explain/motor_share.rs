@@ -49,7 +49,7 @@ mod tests {
     use crate::hidden_robot::HiddenRobot;
 
     #[test]
-    fn a_motor_found_heavier_than_its_joint_is_told_as_simulated_and_without_an_error() {
+    fn a_motor_found_heavier_than_its_joint_is_told_as_the_most_it_can_be_and_without_an_error() {
         let robot = Robot::paper();
         let mut model = HiddenRobot::draw(&robot, 5).to_model(toml::Table::new());
         let heavy = "load-dependent-friction:joint=3,coefficient=0.1,motor_inertia_kg_m2=5e-3";
