@@ -113,7 +113,8 @@ pub fn hold(target: &Path) -> Result<(), PlaceError> {
     Ok(())
 }
 
-/// Gives up what [`hold`] holds. A program calls this before it ends; one that cannot leaves empty places behind.
+/// Gives up every place that is held without contents. A program calls this before it ends; one that cannot leaves empty
+/// places behind.
 pub fn release() {
     held().clear();
 }
