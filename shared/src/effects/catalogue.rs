@@ -156,7 +156,7 @@ macro_rules! arm {
 }
 
 const MOTOR_INERTIA: Parameter = joint!(Shape "motor_inertia_kg_m2" ["kg m²"] motor_inertia_kg_m2 1e-7 ..= 10.0, 2e-4,
-    "inertia on the motor's side, at the motor; part of f1 and f7: no more than the arm leaves it, usually two fifths at most");
+    "inertia on the motor's side, at the motor; part of f1 and f7; the tool takes less where the arm leaves it less");
 
 /// Every effect, in the order of the specification.
 pub const LIBRARY: &[Entry] = &[
