@@ -29,7 +29,8 @@
 //!
 //! # Time
 //! The first round of replicas runs while the rows arrive; a second, about the load it found, is the last where the result
-//! stays put. A third is the most there is.
+//! stays put. A third is the most there is, but for rows that it does not explain: an arm that is light beside its load may
+//! take six.
 //!
 //! Left out: effects beyond the plain arm ([`crate::effects`]).
 

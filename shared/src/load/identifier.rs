@@ -15,6 +15,10 @@ pub const COST_NS_PER_REPLICA_STEP: u64 = 12_500;
 
 /// Runs of the bundle at most, each about the load that the one before found; the first while the rows arrive.
 const ROUNDS: u8 = 3;
+/// The same where the last run left more of the rows than so many times the noise: where half the largest load is as much as
+/// the forearm, the first runs are far from linear.
+const MOST_ROUNDS: u8 = 6;
+const EXPLAINED_RATIO: f32 = 1.2;
 /// From the second run on that is the last whose result is within so many standard errors of the load it ran with, and
 /// lowers the sum of squares by no more than this share: what a further one would correct is less.
 const SETTLED_ERRORS: f64 = 0.3;
@@ -199,6 +203,21 @@ impl Identifier {
         })
     }
 
+    /// The same at the newest row: the mean is that of the middle one, and between them the speed goes on changing as over
+    /// the recent rows. By the mean alone a light arm, which accelerates by a count a row and more meanwhile, would seem to
+    /// carry another load.
+    fn newest_speed_counts(&self) -> Option<[f32; 2]> {
+        let ([first, ..], [.., last]) = (&self.recent, &self.recent);
+        let middle = &self.recent[START_ROWS];
+        self.speed_counts().map(|mean| {
+            let bend = |joint: usize| {
+                let later = last[joint].wrapping_sub(middle[joint]);
+                later.wrapping_sub(middle[joint].wrapping_sub(first[joint])) as f32
+            };
+            [0, 1].map(|joint: usize| mean[joint] + bend(joint) / START_ROWS as f32)
+        })
+    }
+
     fn slow_joint(&self) -> Option<u8> {
         match self.speed_counts() {
             None => Some(0),
@@ -302,6 +321,11 @@ impl Identifier {
         (end, counts, replica_steps)
     }
 
+    /// Whether the bundle may run once more after that round.
+    fn may_run_again(&self, round: u8) -> bool {
+        round + 1 < ROUNDS || (round + 1 < MOST_ROUNDS && self.quadratic.noise_ratio() > EXPLAINED_RATIO)
+    }
+
     /// Starts the bundle over the rows collected once more.
     fn replay(&mut self, setup: &LoadSetup, round: u8) {
         let (next, counts) = self.start_bundle(setup);
@@ -348,7 +372,7 @@ impl Identifier {
         }
         self.nuisances = self.quadratic.settled_nuisances(&self.nuisances);
         let settled = round > 0 && self.quadratic.gained_share() <= SETTLED_SHARE;
-        if round + 1 < ROUNDS && !settled {
+        if self.may_run_again(round) && !settled {
             self.learned = None;
             self.replay(setup, round + 1);
             return Piece { news: None, replica_steps: SEARCH_STEPS };
@@ -390,6 +414,7 @@ impl Identifier {
     }
 
     fn search_on(&mut self, setup: &LoadSetup, round: u8) -> Piece {
+        let may_run_again = self.may_run_again(round);
         let Some(search) = &mut self.search else {
             self.wait();
             return Piece { news: Some(LoadNews::Rejected(Rejected::NotFinite, LoadEstimate::NONE)), replica_steps: 1 };
@@ -402,7 +427,7 @@ impl Identifier {
         let settled = round > 0
             && search.moved_errors() <= SETTLED_ERRORS
             && search.gained_share(&self.quadratic) <= SETTLED_SHARE;
-        if round + 1 < ROUNDS && !settled {
+        if may_run_again && !settled {
             self.nuisances = search.nuisances(&self.quadratic, &self.nuisances);
             self.about = search.best();
             self.search = None;
@@ -434,8 +459,7 @@ impl Identifier {
             self.watch.restart();
         }
         if self.watch.is_new() {
-            // The state is found from the rows around the middle of the recent ones, but the bundle starts at the newest.
-            let Some(speed) = self.speed_counts() else { return Piece::default() };
+            let Some(speed) = self.newest_speed_counts() else { return Piece::default() };
             self.nuisances[MODEL_UNKNOWNS..].fill(0.0);
             self.bundle.start(setup, linear_load(&self.about), &self.nuisances, row.counts, speed);
             self.watch.restart();

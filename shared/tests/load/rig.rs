@@ -2,33 +2,102 @@
 
 use core::ops::Range;
 
-use crate::robot::{DEFAULT_GAINS, DELAY_S, PERIOD_S, Random, Robot, laws, plant, reference, single_precision};
-use shared::arm::Load;
+use crate::robot::{
+    DEFAULT_GAINS, DELAY_S, GRAVITY, PERIOD_S, Random, Robot, laws, plant, reference, single_precision,
+};
+use shared::arm::{Arm, Load};
 use shared::control::{ComputedTorque, ComputedTorqueInput, ComputedTorqueSettings, JointReference};
+use shared::drive::Drive;
 use shared::load::{Identifier, LoadNews, LoadRow, LoadSettings, LoadSetup};
 use shared::plant::Plant;
 
-/// Where the gripper holds a load, in frame 3.
+/// Where the reference robot's gripper holds a load, in frame 3.
 pub const GRASP_M: [f64; 2] = [-0.02, -0.53];
 pub const MAXIMUM_KG: f32 = 2.5;
-const UPPER_ARM_M: f32 = 0.4318;
-/// Of a 12 A converter of 12 bits.
-const A_PER_CODE: f32 = 12.0 / 2048.0;
 
-/// Settings for a model whose parameters are uniformly off by up to `share`.
+/// An arm with a gripper.
+#[derive(Clone, Copy)]
+pub struct Carrier {
+    empty: Plant<f64>,
+    upper_arm_m: f32,
+    /// Of the converters, which have 12 bits.
+    a_per_code: [f32; 2],
+    grasp_m: [f64; 2],
+    pub maximum_kg: f32,
+}
+
+impl Carrier {
+    pub fn reference() -> Self {
+        Self {
+            empty: plant(),
+            upper_arm_m: 0.4318,
+            a_per_code: [12.0 / 2048.0; 2],
+            grasp_m: GRASP_M,
+            maximum_kg: MAXIMUM_KG,
+        }
+    }
+
+    /// An arm for a desk: its largest load outweighs the forearm, and its motors turn by more counts and speed up faster.
+    pub fn light() -> Self {
+        let drive = |gear_ratio, counts_per_rev, torque_constant_nm_per_a, current_limit_a, viscous, coulomb| Drive {
+            gear_ratio,
+            counts_per_rev,
+            torque_constant_nm_per_a,
+            current_limit_a,
+            viscous_friction_nm_s_per_rad: viscous,
+            coulomb_friction_nm: coulomb,
+            torque_offset_nm: 0.0,
+        };
+        let f = [0.01434, 0.00684, 0.0096, 0.0, 0.048, 0.0, 0.10312, 0.0, 0.264];
+        Self {
+            empty: Plant {
+                arm: Arm { f, gravity_m_s2: GRAVITY },
+                drives: [
+                    drive(-100.0, 4096.0, 0.035, 3.0, 2e-5, 0.004),
+                    drive(-50.0, 2000.0, 0.025, 2.0, 1.5e-5, 0.003),
+                ],
+            },
+            upper_arm_m: 0.2,
+            a_per_code: [5.0 / 2048.0, 4.0 / 2048.0],
+            grasp_m: [0.2, 0.0],
+            maximum_kg: 0.5,
+        }
+    }
+
+    /// Settings for a model whose parameters are uniformly off by up to `share`.
+    pub fn settings(&self, share: f32) -> LoadSettings {
+        let grasp_m = self.grasp_m.map(|value| value as f32);
+        let mut settings = LoadSettings::known_grasp(self.maximum_kg, self.upper_arm_m, grasp_m);
+        let error = share / 3.0_f32.sqrt();
+        let model = single_precision(&self.empty);
+        settings.f_standard_error = model.arm.f.map(|f| error * f.abs());
+        settings.viscous_standard_error = model.drives.map(|drive| error * drive.viscous_friction_nm_s_per_rad);
+        settings.coulomb_standard_error = model.drives.map(|drive| error * drive.coulomb_friction_nm);
+        settings
+    }
+
+    /// A load of `mass_kg` in the gripper.
+    pub fn holding(&self, mass_kg: f64) -> Load<f64> {
+        Load { mass_kg, centre_m: self.grasp_m, inertia_kg_m2: 0.0 }
+    }
+
+    /// The arm with a load.
+    fn with(&self, load: &Load<f64>) -> Plant<f64> {
+        let mut plant = self.empty;
+        let added = load.delta_f(f64::from(self.upper_arm_m));
+        plant.arm.f.iter_mut().zip(added).for_each(|(f, added)| *f += added);
+        plant
+    }
+}
+
+/// Settings of the reference robot for a model whose parameters are uniformly off by up to `share`.
 pub fn settings(share: f32) -> LoadSettings {
-    let mut settings = LoadSettings::known_grasp(MAXIMUM_KG, UPPER_ARM_M, GRASP_M.map(|value| value as f32));
-    let error = share / 3.0_f32.sqrt();
-    let model = single_precision(&plant());
-    settings.f_standard_error = model.arm.f.map(|f| error * f.abs());
-    settings.viscous_standard_error = model.drives.map(|drive| error * drive.viscous_friction_nm_s_per_rad);
-    settings.coulomb_standard_error = model.drives.map(|drive| error * drive.coulomb_friction_nm);
-    settings
+    Carrier::reference().settings(share)
 }
 
 pub struct Rig {
     robot: Robot,
-    empty: Plant<f64>,
+    carrier: Carrier,
     believed: Plant<f32>,
     settings: LoadSettings,
     controller: ComputedTorque<f32>,
@@ -40,21 +109,19 @@ pub struct Rig {
     pub errors: Vec<[f64; 2]>,
 }
 
-fn loaded(mut plant: Plant<f64>, load: &Load<f64>) -> Plant<f64> {
-    let added = load.delta_f(f64::from(UPPER_ARM_M));
-    plant.arm.f.iter_mut().zip(added).for_each(|(f, added)| *f += added);
-    plant
-}
-
 impl Rig {
+    /// The reference robot with a load.
     pub fn new(settings: LoadSettings, load: Load<f64>) -> Self {
-        let empty = plant();
-        let robot = Robot::new(loaded(empty, &load), laws(DEFAULT_GAINS, 0.0), true, PERIOD_S);
-        let believed = single_precision(&empty);
+        Self::of(Carrier::reference(), settings, load)
+    }
+
+    pub fn of(carrier: Carrier, settings: LoadSettings, load: Load<f64>) -> Self {
+        let robot = Robot::new(carrier.with(&load), laws(DEFAULT_GAINS, 0.0), true, PERIOD_S);
+        let believed = single_precision(&carrier.empty);
         let mut rig = Self {
             controller: controller(&believed, &settings, robot.state.position_rad),
             robot,
-            empty,
+            carrier,
             believed,
             settings,
             assumed: settings.assumed(),
@@ -91,7 +158,7 @@ impl Rig {
             f: self.believed.arm.f,
             gravity_m_s2: self.believed.arm.gravity_m_s2,
             drives: self.believed.drives,
-            a_per_code: [A_PER_CODE; 2],
+            a_per_code: self.carrier.a_per_code,
             offset_a: [0.0; 2],
             period_s: PERIOD_S as f32,
             command_delay_s: DELAY_S as f32,
@@ -101,8 +168,7 @@ impl Rig {
 
     /// The arm takes up or sets down something: it carries `load` from now on.
     pub fn take(&mut self, load: &Load<f64>) {
-        let plant = loaded(self.empty, load);
-        let mut robot = Robot::new(plant, laws(DEFAULT_GAINS, 0.0), true, PERIOD_S);
+        let mut robot = Robot::new(self.carrier.with(load), laws(DEFAULT_GAINS, 0.0), true, PERIOD_S);
         robot.state = self.robot.state;
         self.robot = robot;
     }
@@ -128,8 +194,9 @@ impl Rig {
             reference_ahead: single(&reference(time_s + 0.5 * PERIOD_S + DELAY_S)),
             encoder_counts: counts.map(|count| count as f32),
         });
-        let code = output.command_a.map(|current_a| (current_a / A_PER_CODE).round() + 2048.0);
-        self.robot.advance(code.map(|code| f64::from((code - 2048.0) * A_PER_CODE)));
+        let a_per_code = self.carrier.a_per_code;
+        let code = [0, 1].map(|j| (output.command_a[j] / a_per_code[j]).round() + 2048.0);
+        self.robot.advance([0, 1].map(|j| f64::from((code[j] - 2048.0) * a_per_code[j])));
         let row = LoadRow {
             index: self.tick as u32,
             counts: counts.map(|count| count as i32),
@@ -157,8 +224,7 @@ impl Rig {
     }
 
     fn assume(&mut self, load: Load<f32>) {
-        let before = self.assumed.delta_f(UPPER_ARM_M);
-        let after = load.delta_f(UPPER_ARM_M);
+        let [before, after] = [self.assumed, load].map(|load| load.delta_f(self.carrier.upper_arm_m));
         self.controller.add_to_f(&core::array::from_fn(|index| after[index] - before[index]));
         self.assumed = load;
     }
@@ -177,7 +243,7 @@ fn controller(believed: &Plant<f32>, settings: &LoadSettings, position_rad: [f64
         PERIOD_S as f32,
         position_rad.map(|value| value as f32),
     );
-    controller.add_to_f(&settings.assumed().delta_f(UPPER_ARM_M));
+    controller.add_to_f(&settings.assumed().delta_f(settings.upper_arm_m));
     controller
 }
 
