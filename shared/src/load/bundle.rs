@@ -7,7 +7,7 @@
 #![expect(clippy::needless_range_loop, reason = "a joint is an index into many arrays")]
 
 use super::{LoadRow, LoadSetup};
-use crate::arm::{Arm, Load, PARAMETERS};
+use crate::arm::{Arm, Load, PARAMETERS, Pose};
 use crate::board::MID_SCALE;
 use crate::drive::{Drive, centre_of_count};
 use crate::plant::{Plant, State};
@@ -59,13 +59,17 @@ pub struct Shown {
     pub sensitivity: [[f32; UNKNOWNS]; 2],
 }
 
-/// The replicas.
+/// The replicas. Their positions are counted from that of a row: whole angles in single precision are rounded by hundredths
+/// of a count where a turn has many, and what two replicas differ by is less.
 #[derive(Clone, Debug)]
 pub struct Bundle {
-    /// The one that takes each row by itself.
+    /// The one that takes each row by itself, and the row that it is counted from.
     state: State<f32>,
-    /// Those that take two rows in a step: with everything as assumed, and with each unknown moved.
+    origin_counts: [i32; 2],
+    /// Those that take two rows in a step, with everything as assumed and with each unknown moved, and the row that they are
+    /// counted from.
     states: [State<f32>; UNKNOWNS + 1],
+    first_origin_counts: [i32; 2],
     /// With everything as it is assumed.
     plant: Plant<f32>,
     /// The delay of the commands that is assumed, s.
@@ -94,7 +98,9 @@ impl Bundle {
         let state = State { position_rad: [0.0; 2], velocity_rad_s: [0.0; 2] };
         Self {
             state,
+            origin_counts: [0; 2],
             states: [state; UNKNOWNS + 1],
+            first_origin_counts: [0; 2],
             plant: Plant { arm: Arm { f: [0.0; PARAMETERS], gravity_m_s2: 0.0 }, drives: [drive; 2] },
             delay_s: 0.0,
             steps: [1.0; LOAD_UNKNOWNS],
@@ -115,7 +121,7 @@ impl Bundle {
         counts: [i32; 2],
         counts_per_row: [f32; 2],
     ) {
-        let mass_step = 0.1 * setup.settings.maximum_kg;
+        let mass_step = 0.02 * setup.settings.maximum_kg;
         self.steps = [mass_step, 0.1 * mass_step, 0.1 * mass_step, 0.05 * mass_step];
         self.previous_torque_nm = None;
         self.first_torque_nm = None;
@@ -133,12 +139,14 @@ impl Bundle {
         for joint in 0..2 {
             let [position, speed] = [MODEL_UNKNOWNS + joint, MODEL_UNKNOWNS + 2 + joint].map(|index| nuisances[index]);
             start.position_rad[joint] =
-                (centre_of_count(counts[joint] as f32) + START_POSITION_ERROR_COUNTS * position) / per_rad[joint];
+                (middle_of_cell(counts[joint]) + START_POSITION_ERROR_COUNTS * position) / per_rad[joint];
             start.velocity_rad_s[joint] =
                 (counts_per_row[joint] + START_SPEED_ERROR_COUNTS * speed) / (per_rad[joint] * setup.period_s);
         }
         self.state = start;
+        self.origin_counts = counts;
         self.states = [start; UNKNOWNS + 1];
+        self.first_origin_counts = counts;
         for joint in 0..2 {
             let [position, speed] = [MODEL_UNKNOWNS + joint, MODEL_UNKNOWNS + 2 + joint];
             self.states[1 + position].position_rad[joint] += START_POSITION_ERROR_COUNTS / per_rad[joint];
@@ -159,10 +167,13 @@ impl Bundle {
         self.previous_torque_nm = Some(torque);
 
         let per_rad = self.plant.drives.map(|drive| drive.counts_per_rad());
-        let measured = row.counts.map(|count| centre_of_count(count as f32));
+        let measured = row.counts.map(middle_of_cell);
+        recount(&mut self.state, self.origin_counts, row.counts, per_rad);
+        self.origin_counts = row.counts;
         let innovation_counts = correct(&mut self.state, measured, per_rad, setup.period_s);
-        self.state =
-            self.plant.prepare().step(&self.state, held(before, torque, self.delay_s / setup.period_s), setup.period_s);
+        let torque_nm = held(before, torque, self.delay_s / setup.period_s);
+        let origin = pose(row.counts, per_rad);
+        self.state = self.plant.prepare().step_through_reversals(&origin, &self.state, torque_nm, setup.period_s);
         let mut steps = 1;
         if let Some([earliest, first]) = self.first_torque_nm.take() {
             // Over both rows, with the impulse of both.
@@ -172,13 +183,15 @@ impl Bundle {
             steps += UNKNOWNS as u32 + 1;
         } else {
             self.first_torque_nm = Some([before, torque]);
-            self.compare(setup, measured, per_rad);
+            self.compare(setup, row.counts, per_rad);
         }
         (Shown { innovation_counts, sensitivity: self.sensitivity }, steps)
     }
 
     /// What the moved replicas show beside the one that is not, all corrected for the two rows to come.
-    fn compare(&mut self, setup: &LoadSetup, measured: [f32; 2], per_rad: [f32; 2]) {
+    fn compare(&mut self, setup: &LoadSetup, counts: [i32; 2], per_rad: [f32; 2]) {
+        let measured = counts.map(middle_of_cell);
+        let before = core::mem::replace(&mut self.first_origin_counts, counts);
         let mut unmoved = [0.0; 2];
         for (replica, state) in self.states.iter_mut().enumerate() {
             let moved = replica.checked_sub(1).map(|unknown| (unknown, moved(setup, &self.steps, unknown)));
@@ -186,6 +199,7 @@ impl Bundle {
             if matches!(moved, Some((_, None))) {
                 continue;
             }
+            recount(state, before, counts, per_rad);
             let innovation = correct(state, measured, per_rad, 2.0 * setup.period_s);
             let Some((unknown, Some((_, units)))) = moved else {
                 unmoved = innovation;
@@ -199,6 +213,7 @@ impl Bundle {
 
     fn step_two_rows(&mut self, setup: &LoadSetup, before: [f32; 2], torque: [f32; 2]) {
         let assumed = held(before, torque, self.delay_s / setup.period_s);
+        let origin = pose(self.first_origin_counts, self.plant.drives.map(|drive| drive.counts_per_rad()));
         for (replica, state) in self.states.iter_mut().enumerate() {
             let mut plant = self.plant;
             let mut torque_nm = assumed;
@@ -213,7 +228,7 @@ impl Bundle {
                     None => {}
                 }
             }
-            *state = plant.prepare().step(state, torque_nm, 2.0 * setup.period_s);
+            *state = plant.prepare().step_through_reversals(&origin, state, torque_nm, 2.0 * setup.period_s);
         }
     }
 }
@@ -222,6 +237,26 @@ impl Bundle {
 #[inline(always)]
 fn held(before: [f32; 2], torque: [f32; 2], late: f32) -> [f32; 2] {
     [0, 1].map(|joint: usize| torque[joint] + late * (before[joint] - torque[joint]))
+}
+
+/// The position that a count stands for, from where the count itself is.
+#[inline(always)]
+fn middle_of_cell(count: i32) -> f32 {
+    centre_of_count(count as f32) - count as f32
+}
+
+/// Counts a state from another row.
+#[inline(always)]
+fn recount(state: &mut State<f32>, from_counts: [i32; 2], to_counts: [i32; 2], per_rad: [f32; 2]) {
+    for joint in 0..2 {
+        state.position_rad[joint] += from_counts[joint].wrapping_sub(to_counts[joint]) as f32 / per_rad[joint];
+    }
+}
+
+/// The pose at those counts.
+#[inline(always)]
+fn pose(counts: [i32; 2], per_rad: [f32; 2]) -> Pose<f32> {
+    Pose::at([0, 1].map(|joint: usize| counts[joint] as f32 / per_rad[joint]))
 }
 
 /// Corrects a state by what it did not foresee, which is the answer in counts, for the time until the next correction.
@@ -267,13 +302,16 @@ fn model_error(setup: &LoadSetup, unknown: usize) -> f32 {
 /// which then passes for knowledge about it and holds it where it is.
 fn least_step(setup: &LoadSetup, unknown: usize) -> f32 {
     /// Share of the parameter.
-    const SHARE: f32 = 0.02;
+    const SHARE: f32 = 0.01;
     /// f that smaller ones are taken for, in kg m² or kg m.
-    const LEAST_F: f32 = 0.5;
+    const LEAST_F: f32 = 0.05;
     let drive = |joint: usize| setup.drives.get(joint);
     SHARE
         * match unknown.checked_sub(PARAMETERS) {
-            None => setup.f.get(unknown).map_or(LEAST_F, |f| f.abs().max(LEAST_F)),
+            None => {
+                let least = LEAST_F * setup.f.iter().fold(0.0, |most: f32, f| most.max(f.abs()));
+                setup.f.get(unknown).map_or(least, |f| f.abs().max(least))
+            }
             Some(joint @ 0..2) => drive(joint).map_or(0.0, |drive| drive.viscous_friction_nm_s_per_rad),
             // In periods for the delay.
             Some(joint) => drive(joint - 2).map_or(setup.period_s, |drive| drive.coulomb_friction_nm),

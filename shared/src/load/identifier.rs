@@ -13,12 +13,10 @@ use crate::arm::Load;
 /// Time a step of one replica takes on the board, ns; for a simulated board. From the time a search takes on the emulated one.
 pub const COST_NS_PER_REPLICA_STEP: u64 = 12_500;
 
-/// Runs of the bundle at most, each about the load that the one before found; the first while the rows arrive.
-const ROUNDS: u8 = 3;
-/// The same where the last run left more of the rows than so many times the noise: where half the largest load is as much as
-/// the forearm, the first runs are far from linear.
-const MOST_ROUNDS: u8 = 6;
-const EXPLAINED_RATIO: f32 = 1.2;
+/// Runs of the bundle at most, each about the load that the one before found; the first while the rows arrive. Three
+/// or four do where half the largest load is little beside the arm; where it is as much as the forearm, the first runs are
+/// far from linear.
+const ROUNDS: u8 = 8;
 /// From the second run on that is the last whose result is within so many standard errors of the load it ran with, and
 /// lowers the sum of squares by no more than this share: what a further one would correct is less.
 const SETTLED_ERRORS: f64 = 0.3;
@@ -321,11 +319,6 @@ impl Identifier {
         (end, counts, replica_steps)
     }
 
-    /// Whether the bundle may run once more after that round.
-    fn may_run_again(&self, round: u8) -> bool {
-        round + 1 < ROUNDS || (round + 1 < MOST_ROUNDS && self.quadratic.noise_ratio() > EXPLAINED_RATIO)
-    }
-
     /// Starts the bundle over the rows collected once more.
     fn replay(&mut self, setup: &LoadSetup, round: u8) {
         let (next, counts) = self.start_bundle(setup);
@@ -363,7 +356,7 @@ impl Identifier {
     #[inline(never)]
     fn learn_on(&mut self, setup: &LoadSetup, round: u8, pivot: usize) -> Piece {
         if round > 0 && pivot == MODEL_UNKNOWNS {
-            self.learned = Some(Learned::new(&self.quadratic, self.quadratic.noise_ratio()));
+            self.learned = Some(Learned::new(&self.quadratic));
         }
         if let Some(pivot) = pivot.checked_sub(1) {
             self.quadratic.eliminate_backward(pivot);
@@ -372,7 +365,7 @@ impl Identifier {
         }
         self.nuisances = self.quadratic.settled_nuisances(&self.nuisances);
         let settled = round > 0 && self.quadratic.gained_share() <= SETTLED_SHARE;
-        if self.may_run_again(round) && !settled {
+        if round + 1 < ROUNDS && !settled {
             self.learned = None;
             self.replay(setup, round + 1);
             return Piece { news: None, replica_steps: SEARCH_STEPS };
@@ -414,7 +407,6 @@ impl Identifier {
     }
 
     fn search_on(&mut self, setup: &LoadSetup, round: u8) -> Piece {
-        let may_run_again = self.may_run_again(round);
         let Some(search) = &mut self.search else {
             self.wait();
             return Piece { news: Some(LoadNews::Rejected(Rejected::NotFinite, LoadEstimate::NONE)), replica_steps: 1 };
@@ -427,7 +419,7 @@ impl Identifier {
         let settled = round > 0
             && search.moved_errors() <= SETTLED_ERRORS
             && search.gained_share(&self.quadratic) <= SETTLED_SHARE;
-        if may_run_again && !settled {
+        if round + 1 < ROUNDS && !settled {
             self.nuisances = search.nuisances(&self.quadratic, &self.nuisances);
             self.about = search.best();
             self.search = None;

@@ -20,16 +20,16 @@ pub struct Learned {
 
 impl Learned {
     /// How well it is known, from a form of the rows of an empty arm whose states are eliminated; where it is, is still to
-    /// be told. What the rows say counts less by the square of `noise_ratio`, what they leave over what noise alone would.
+    /// be told.
     #[inline(never)]
-    pub fn new(quadratic: &Quadratic, noise_ratio: f32) -> Self {
-        let share = BELIEVED / f64::from(noise_ratio * noise_ratio).max(1.0);
+    pub fn new(quadratic: &Quadratic) -> Self {
+        let weight = quadratic.prior_weight();
         let mut information = [0.0; ELEMENTS];
         let mut next = information.iter_mut();
         for row in 0..MODEL_UNKNOWNS {
             for (column, element) in (row..MODEL_UNKNOWNS).zip(&mut next) {
                 let before = if row == column { 1.0 } else { 0.0 };
-                *element = before + share * (quadratic.element(row, column) - before);
+                *element = before + BELIEVED * (quadratic.element(row, column) / weight - before);
             }
         }
         Self { information, at: [0.0; MODEL_UNKNOWNS] }
@@ -49,14 +49,14 @@ impl Learned {
 
     /// Adds what is known to a form whose nuisances are at `assumed`.
     #[inline(never)]
-    pub fn add_to(&self, quadratic: &mut Quadratic, assumed: &[f32; NUISANCES]) {
+    pub fn add_to(&self, quadratic: &mut Quadratic, assumed: &[f32; NUISANCES], weight: f64) {
         let mut elements = self.information.iter();
         for row in 0..MODEL_UNKNOWNS {
             for (column, &element) in (row..MODEL_UNKNOWNS).zip(&mut elements) {
                 quadratic.add_prior(
                     row,
                     column,
-                    element,
+                    weight * element,
                     [row, column].map(|unknown| f64::from(self.at[unknown] - assumed[unknown])),
                 );
             }

@@ -42,6 +42,11 @@ impl Prior {
             information: deviation.map(|deviation| 1.0 / (deviation * deviation)),
         }
     }
+
+    /// The same with so much weight beside the rows.
+    pub fn weighted(self, weight: f64) -> Self {
+        Self { information: self.information.map(|information| weight * information), ..self }
+    }
 }
 
 /// Mass, centre and inertia of a load.

@@ -88,19 +88,27 @@ impl Quadratic {
         libm::sqrtf((self.squares / f64::from(degrees)) as f32)
     }
 
+    /// What all that is known beside the rows weighs: where these show more than noise, because the replicas are still far
+    /// from the arm or their model is wrong, they say so much less.
+    pub fn prior_weight(&self) -> f64 {
+        let noise_ratio = f64::from(self.noise_ratio());
+        (noise_ratio * noise_ratio).max(1.0)
+    }
+
     /// Gives every nuisance its standard normal prior, or what an empty arm has shown of it, `assumed` being where they are
     /// now, in standard errors. After the last row, before [`Self::eliminate`].
     #[inline(never)]
     pub fn expect(&mut self, assumed: &[f32; NUISANCES], learned: Option<&Learned>) {
         self.flush();
+        let weight = self.prior_weight();
         let shown = if let Some(learned) = learned {
-            learned.add_to(self, assumed);
+            learned.add_to(self, assumed, weight);
             MODEL_UNKNOWNS
         } else {
             0
         };
         for (unknown, &assumed) in assumed.iter().enumerate().skip(shown) {
-            self.add_prior(unknown, unknown, 1.0, [-f64::from(assumed); 2]);
+            self.add_prior(unknown, unknown, weight, [-f64::from(assumed); 2]);
         }
     }
 

@@ -89,7 +89,7 @@ impl Search {
     /// Prepares the search on a form whose nuisances are eliminated; `None` where something is not a number.
     pub fn new(quadratic: &Quadratic, settings: &LoadSettings, about: &Load<f32>, seed: u32) -> Option<Self> {
         let reduced = quadratic.reduced();
-        let prior = Prior::new(settings);
+        let prior = Prior::new(settings).weighted(quadratic.prior_weight());
         let (unlimited, deviation) = solve(&reduced, &prior, about)?;
         let widest = |mean: f64, deviation: f64, low: f64, high: f64| {
             let low = (mean - 4.0 * deviation).max(low);
@@ -157,9 +157,13 @@ impl Search {
         let rows = quadratic.rows() as u16;
         quadratic.finish(&gradient(&best), &self.prior);
         let scale = f64::from(noise_ratio.max(1.0));
+        let (to, from) = (physical(&best), physical(&self.about));
         let error = |index: usize| {
-            let known = self.prior.deviation[index];
-            (scale * self.deviation[index]).min(if index == 0 { f64::MAX } else { known })
+            let known = if index == 0 { f64::MAX } else { self.prior.deviation[index] };
+            // Nor is it known better than the last run still moved it.
+            let moved = to[index] - from[index];
+            let stated = scale * self.deviation[index];
+            libm::sqrt(stated * stated + moved * moved).min(known)
         };
         let estimate = LoadEstimate {
             mass_kg: best.mass_kg,
@@ -230,15 +234,17 @@ fn solve(reduced: &Reduced, prior: &Prior, about: &Load<f32>) -> Option<([f64; L
     const N: usize = LOAD_UNKNOWNS;
     let gradient = gradient(about);
     let start = physical(about);
+    let mut half = [[0.0; N]; N];
+    for row in 0..N {
+        for column in 0..N {
+            half[row][column] = (0..N).map(|inner| reduced.matrix[row][inner] * gradient[inner][column]).sum();
+        }
+    }
     // Augmented by the right side and the unit matrix, so that the inverse comes along.
     let mut rows = [[0.0; 2 * N + 1]; N];
     for row in 0..N {
         for column in 0..N {
-            for inner in 0..N {
-                for other in 0..N {
-                    rows[row][column] += gradient[inner][row] * reduced.matrix[inner][other] * gradient[other][column];
-                }
-            }
+            rows[row][column] = (0..N).map(|inner| gradient[inner][row] * half[inner][column]).sum();
             rows[row][N] += gradient[column][row] * reduced.vector[column];
         }
         rows[row][row] += prior.information[row];

@@ -3,6 +3,7 @@
 mod rig;
 #[path = "../robot/mod.rs"]
 mod robot;
+mod stated;
 
 use rig::{Carrier, GRASP_M, MAXIMUM_KG, Rig, settings};
 use robot::Random;
@@ -14,6 +15,9 @@ use shared::load::{
 
 /// Rows of one period of the paper's movement.
 const PERIOD_ROWS: usize = 5214;
+
+/// Loads that are taken up where it is asked how many are found within what is stated.
+const PICKS: u64 = 40;
 
 /// As well as identification from recordings knows a model (design §5).
 const IDENTIFIED: f32 = 0.003;
@@ -38,7 +42,6 @@ fn changes(rig: &Rig) -> Vec<usize> {
 fn a_mass_is_found_within_what_is_stated() {
     let mut random = Random::new(3);
     let (mut squares, mut covered) = (0.0, 0);
-    const PICKS: u64 = 40;
     for seed in 0..PICKS {
         let mass = random.between(0.1, 2.4);
         let mut rig = Rig::new(settings(0.03), at_grasp(mass));
@@ -118,7 +121,7 @@ fn picks_and_drops_are_noticed_and_identified_without_a_violent_correction() {
 /// 3 %, its friction by up to 5 %.
 fn taken_up_in_motion(differential: bool) -> Vec<(f64, f64)> {
     let mut random = Random::new(11);
-    let each = (0..20).map(|seed| {
+    let each = (0..PICKS).map(|seed| {
         let mass = random.between(0.5, 2.4);
         let mut rig = Rig::new(LoadSettings { differential, ..settings(0.03) }, at_grasp(0.0));
         rig.spoil_model(seed, 0.03, 0.05);
@@ -140,12 +143,14 @@ fn taken_up_in_motion(differential: bool) -> Vec<(f64, f64)> {
 
 #[test]
 fn what_an_empty_arm_shows_cancels_errors_of_its_model() {
-    let rms = |errors: &[(f64, f64)]| (errors.iter().map(|(_, error)| error * error).sum::<f64>() / 20.0).sqrt();
+    let rms =
+        |errors: &[(f64, f64)]| (errors.iter().map(|(_, error)| error * error).sum::<f64>() / PICKS as f64).sqrt();
     let (plain, differential) = (taken_up_in_motion(false), taken_up_in_motion(true));
-    assert!(rms(&differential) < 0.6 * rms(&plain), "{} and {}", rms(&differential), rms(&plain));
-    // Two standard errors hold 95 %: 15 of 20 are as few as 1 in 400 times.
+    // By how much depends on what the model is off by: by more than a third over 80 of them.
+    assert!(rms(&differential) < 0.75 * rms(&plain), "{} and {}", rms(&differential), rms(&plain));
+    // Two standard errors hold 95 %: 33 of 40 are as few as 1 in 5000 times.
     let covered = differential.iter().filter(|(errors, _)| errors.abs() < 2.0).count();
-    assert!(covered >= 15, "{covered} of 20: {differential:?}");
+    assert!(covered >= 33, "{covered} of {PICKS}: {differential:?}");
 }
 
 #[test]
