@@ -187,7 +187,8 @@ impl<S: Scalar> PreparedPlant<S> {
     }
 
     /// [`Self::step`], but with every reversal at its own time: the step ends where a joint comes to rest, and goes on from
-    /// there. Positions are counted from `origin`, within π/4 of it. At most seven steps; one where no joint reverses.
+    /// there. Positions are counted from `origin`, within π/4 of it. At most seven steps; one where no joint reverses, or one
+    /// comes to rest that would not have moved by `nothing_rad`.
     #[inline(never)]
     pub fn step_through_reversals(
         &self,
@@ -195,6 +196,7 @@ impl<S: Scalar> PreparedPlant<S> {
         state: &State<S>,
         motor_torque_nm: [S; 2],
         period_s: S,
+        nothing_rad: [S; 2],
     ) -> State<S>
     where
         S: PartialOrd,
@@ -206,8 +208,10 @@ impl<S: Scalar> PreparedPlant<S> {
         for _ in 0..2 {
             let whole = self.step_by_origin(origin, &state, motor_torque_nm, left_s);
             let old = state.velocity_rad_s;
-            let turns =
-                [0, 1].map(|joint: usize| old[joint] != zero && old[joint] * whole.velocity_rad_s[joint] <= zero);
+            let turns = [0, 1].map(|joint: usize| {
+                let new = whole.velocity_rad_s[joint];
+                old[joint] * new < zero || (new == zero && (old[joint] * left_s).abs() > nothing_rad[joint])
+            });
             if turns == [false; 2] {
                 return whole;
             }

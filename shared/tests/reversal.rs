@@ -47,7 +47,7 @@ fn a_step_through_reversals_is_as_fine_steps_are() {
         let origin = Pose::at(at);
         let frame = Frame { middle: origin, velocity_rad_s: [0.0; 2] };
         let truth = fine(&plant, at, &state, torque_nm);
-        let through = plant.step_through_reversals(&origin, &state, torque_nm, STEP_S);
+        let through = plant.step_through_reversals(&origin, &state, torque_nm, STEP_S, [0.0; 2]);
         let whole = plant.step_from(&frame, &state, torque_nm, STEP_S);
         let turns = [0, 1].map(|joint| state.velocity_rad_s[joint] * truth.velocity_rad_s[joint] <= 0.0);
         if turns == [false; 2] {

@@ -66,7 +66,6 @@ pub struct SimulatedBoard {
     /// What the counters show beyond the position of the arm.
     counter_offset: [i32; 2],
     emergency_stop: bool,
-    equal_cells: bool,
     /// Whether the next tick is to find that one was too late.
     deadline_missed: bool,
     random: Random,
@@ -117,7 +116,6 @@ impl SimulatedBoard {
             command_code: [MID_SCALE; 2],
             counter_offset: [0; 2],
             emergency_stop: false,
-            equal_cells: false,
             deadline_missed: false,
             random: Random::new(seed, 2),
             torque_noise: None,
@@ -160,13 +158,6 @@ impl SimulatedBoard {
     pub fn carry(&mut self, load: &Load<f64>) {
         self.load.carry(*load, &[]);
         self.arm.set_load(self.load.added_f());
-    }
-
-    /// With the encoders of a real board: all their cells are one count wide, while that of 0 is two counts wide after
-    /// the paper's `fix()`. Both agree where positions are negative.
-    pub fn with_equal_cells(mut self) -> Self {
-        self.equal_cells = true;
-        self
     }
 
     /// With `noise` at the motors.
@@ -245,10 +236,7 @@ impl SimulatedBoard {
     /// What the counters show.
     fn counts(&self) -> [i32; 2] {
         let exact = self.arm.position_counts();
-        std::array::from_fn(|joint| {
-            let counts = if self.equal_cells { exact[joint].ceil() } else { exact[joint].trunc() } as i32;
-            counts.wrapping_add(self.counter_offset[joint])
-        })
+        std::array::from_fn(|joint| (exact[joint].floor() as i32).wrapping_add(self.counter_offset[joint]))
     }
 
     /// The brakes engage when power goes, and hold at once.

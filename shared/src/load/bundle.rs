@@ -41,6 +41,9 @@ const START_SPEED_ERROR_COUNTS: f32 = 0.1;
 /// Standard error of the position at the first row in counts.
 const START_POSITION_ERROR_COUNTS: f32 = 0.3;
 
+/// Counts that it does not matter when a joint comes to rest by: corrections move one that sticks by less at every row.
+const NOTHING_COUNTS: f32 = 0.01;
+
 /// What a load is linear in.
 pub fn linear_load(load: &Load<f32>) -> [f32; LOAD_UNKNOWNS] {
     let [x, y] = load.centre_m;
@@ -155,8 +158,8 @@ impl Bundle {
         }
     }
 
-    /// What the row shows, the replicas moved on to the next, and how many steps of one that took: bounded, at most
-    /// [`UNKNOWNS`] + 2.
+    /// What the row shows, the replicas moved on to the next, and how many steps of one that took: at most
+    /// [`UNKNOWNS`] + 2, and up to six times as many more in a row in which joints reverse, which are not counted.
     #[inline(never)]
     pub fn advance(&mut self, setup: &LoadSetup, row: &LoadRow) -> (Shown, u32) {
         let torque = [0, 1].map(|joint: usize| {
@@ -173,7 +176,9 @@ impl Bundle {
         let innovation_counts = correct(&mut self.state, measured, per_rad, setup.period_s);
         let torque_nm = held(before, torque, self.delay_s / setup.period_s);
         let origin = pose(row.counts, per_rad);
-        self.state = self.plant.prepare().step_through_reversals(&origin, &self.state, torque_nm, setup.period_s);
+        let nothing_rad = per_rad.map(|per_rad| NOTHING_COUNTS / per_rad);
+        self.state =
+            self.plant.prepare().step_through_reversals(&origin, &self.state, torque_nm, setup.period_s, nothing_rad);
         let mut steps = 1;
         if let Some([earliest, first]) = self.first_torque_nm.take() {
             // Over both rows, with the impulse of both.
@@ -213,7 +218,10 @@ impl Bundle {
 
     fn step_two_rows(&mut self, setup: &LoadSetup, before: [f32; 2], torque: [f32; 2]) {
         let assumed = held(before, torque, self.delay_s / setup.period_s);
-        let origin = pose(self.first_origin_counts, self.plant.drives.map(|drive| drive.counts_per_rad()));
+        let per_rad = self.plant.drives.map(|drive| drive.counts_per_rad());
+        let origin = pose(self.first_origin_counts, per_rad);
+        let nothing_rad = per_rad.map(|per_rad| NOTHING_COUNTS / per_rad);
+        let period_s = 2.0 * setup.period_s;
         for (replica, state) in self.states.iter_mut().enumerate() {
             let mut plant = self.plant;
             let mut torque_nm = assumed;
@@ -228,7 +236,7 @@ impl Bundle {
                     None => {}
                 }
             }
-            *state = plant.prepare().step_through_reversals(&origin, state, torque_nm, 2.0 * setup.period_s);
+            *state = plant.prepare().step_through_reversals(&origin, state, torque_nm, period_s, nothing_rad);
         }
     }
 }

@@ -230,8 +230,8 @@ impl Rig {
         let mut counts = [0; 2];
         let mut current_code = [0; 2];
         for joint in 0..2 {
-            let exact = self.drives[joint].encoder_counts(self.state.position_rad[joint]);
-            counts[joint] = self.counter_offset[joint].wrapping_add(exact as i32);
+            let exact = self.state.position_rad[joint] * self.drives[joint].counts_per_rad();
+            counts[joint] = self.counter_offset[joint].wrapping_add(exact.floor() as i32);
             let scale = self.configuration.joints[joint].current_scale;
             let code = (self.current_a[joint] - scale.adc_offset_a) / scale.adc_a_per_code + f64::from(MID_SCALE);
             current_code[joint] = code.round().clamp(0.0, 4095.0) as u16;

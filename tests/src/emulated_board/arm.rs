@@ -177,12 +177,11 @@ impl SimulatedArm {
     fn edge(&self, joint: usize) -> Option<Edge> {
         let per_rad = self.drives[joint].counts_per_rad();
         let [from, to] = [&self.state, &self.ahead].map(|state| state.motors().position_rad[joint] * per_rad);
-        // All cells of an encoder are one count wide. This one's begin above their number, so that it agrees with the
-        // paper's fix() where counts are negative, which they are on all of the paper's movement.
+        // All cells of an encoder are one count wide.
         let shown = self.counts[joint] as f64;
-        let (up, boundary) = match to.ceil() {
-            cell if cell > shown => (true, shown),
-            cell if cell < shown => (false, shown - 1.0),
+        let (up, boundary) = match to.floor() {
+            cell if cell > shown => (true, shown + 1.0),
+            cell if cell < shown => (false, shown),
             _ => return None,
         };
         let share = if to == from { 0.0 } else { ((boundary - from) / (to - from)).clamp(0.0, 1.0) };

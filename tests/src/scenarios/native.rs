@@ -46,11 +46,6 @@ impl NativeBoard {
         Self::watch(SimulatedBoard::new(robot, hidden, NOISE_SEED))
     }
 
-    /// The same with the encoders that the emulated board has.
-    pub fn with_equal_cells(robot: &Robot, hidden: HiddenRobot) -> Self {
-        Self::watch(SimulatedBoard::new(robot, hidden, NOISE_SEED).with_equal_cells())
-    }
-
     /// As [`Self::start`], with all of a setup.
     pub fn with_setup(setup: &Setup) -> Self {
         let board = SimulatedBoard::new(&setup.robot, setup.hidden(), NOISE_SEED);
