@@ -30,7 +30,7 @@
 //!
 //! # Time
 //! The first round of replicas runs while the rows arrive; a second, about the load it found, is the last where the result
-//! stays put. Eight are the most there are, for an arm that is light beside its load. What the last one still moved stands in
+//! stays put. Five are the most there are, for an arm that is light beside its load. What the last one still moved stands in
 //! the standard errors.
 //!
 //! Left out: effects beyond the plain arm ([`crate::effects`]), and what a step of one row gets wrong of a motion without

@@ -13,10 +13,9 @@ use crate::arm::Load;
 /// Time a step of one replica takes on the board, ns; for a simulated board. From the time a search takes on the emulated one.
 pub const COST_NS_PER_REPLICA_STEP: u64 = 12_500;
 
-/// Runs of the bundle at most, each about the load that the one before found; the first while the rows arrive. Three
-/// or four do where half the largest load is little beside the arm; where it is as much as the forearm, the first runs are
-/// far from linear.
-const ROUNDS: u8 = 8;
+/// Runs of the bundle at most, each about the load that the one before found; the first while the rows arrive. Three or
+/// four mostly do, even where half the largest load is as much as the forearm and the first runs are far from linear.
+const ROUNDS: u8 = 5;
 /// From the second run on that is the last whose result is within so many standard errors of the load it ran with, and
 /// lowers the sum of squares by no more than this share: what a further one would correct is less.
 const SETTLED_ERRORS: f64 = 0.3;
