@@ -129,6 +129,7 @@ fn of_cargo(root: &Path, words: &[&str]) {
     let value = |option: &str| Some(words[words.iter().position(|word| *word == option)? + 1]);
     let folder = match value("-p").or_else(|| value("--path")) {
         Some("armid-tests") => root.join("tests"),
+        Some("armid-shared") => root.join("shared"),
         _ => root.join("host"),
     };
     let there = |kind: &str, name: &str| -> PathBuf {
