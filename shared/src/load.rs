@@ -33,8 +33,7 @@
 //! stays put. Five are the most there are, for an arm that is light beside its load. What the last one still moved stands in
 //! the standard errors.
 //!
-//! Left out: effects beyond the plain arm ([`crate::effects`]), and what a step of one row gets wrong of a motion without
-//! reversals: on an arm for a desk, less than a millimetre of the load's centre.
+//! Left out: effects beyond the plain arm ([`crate::effects`]).
 
 mod bundle;
 mod identifier;
