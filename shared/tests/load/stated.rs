@@ -72,27 +72,30 @@ fn errors_over_stated(all: &[Found]) -> [f64; 4] {
     })
 }
 
-/// Of forty draws of a normal distribution the root mean square is above 1.3 once in 200 times.
-fn check(name: &str, carrier: Carrier, share: f64, differential: bool) {
+/// Of forty draws of a normal distribution the root mean square is above this once in 200 times.
+const LARGEST: f64 = 1.3;
+
+fn check(name: &str, carrier: Carrier, share: f64, differential: bool, largest: f64) {
     let errors = errors_over_stated(&found_from_a_second(carrier, share, differential));
     println!("{name}, model within {share}, difference {differential}: {errors:.2?}");
-    assert!(errors.iter().all(|&errors| errors < 1.3), "{name}, {share}, {differential}: {errors:?}");
+    assert!(errors.iter().all(|&errors| errors < largest), "{name}, {share}, {differential}: {errors:?}");
 }
 
 #[test]
 fn errors_of_mass_centre_and_inertia_are_as_large_as_stated() {
     for share in [0.003, 0.01, 0.03] {
         for differential in [false, true] {
-            check("reference", Carrier::reference(), share, differential);
+            check("reference", Carrier::reference(), share, differential, LARGEST);
         }
     }
 }
 
 /// A model that is further off is not nearly linear in what it is off by where a load outweighs the forearm: then the empty
-/// arm has to show it.
+/// arm has to show it, or errors are up to two and a half times what is stated.
 #[test]
 fn errors_of_a_light_arm_are_as_large_as_stated() {
     for (share, differential) in [(0.003, false), (0.01, false), (0.003, true), (0.01, true), (0.03, true)] {
-        check("light", Carrier::light(), share, differential);
+        check("light", Carrier::light(), share, differential, LARGEST);
     }
+    check("light", Carrier::light(), 0.03, false, 2.0 * LARGEST);
 }
